@@ -213,25 +213,25 @@ void plate_models() {
     return layer;
   };
   DetectorModel detector;
-  detector.detector.layers = {linalg::maximum(1, kCell, kCell), one(9)};
+  detector.detector.layers = {linalg::maximum(1, kCellSize, kCellSize), one(9)};
   detector.aligner.layers = {linalg::maximum(1, kAlignHeight, 64), linalg::maximum(1, 1, 2),
                              one(18)};
   write_detector_model(seed("plate_detector", "small.json"), detector, kNothing);
   ReaderModel reader;
-  reader.line.layers = {linalg::maximum(1, kLineHeight, kColumn), one(kClasses)};
+  reader.line.layers = {linalg::maximum(1, kLineHeight, kColumnStride), one(kClasses)};
   write_reader_model(seed("plate_reader", "small.json"), reader, kNothing);
 
   PlateSvm svm;
   svm.features = PlateFeatures::kLbp;
   const cv::Mat blank(33, 144, CV_8UC1, cv::Scalar(0));
-  svm.machine.weights.assign(plate_features(blank, svm.features).size(), 0.01F);
+  svm.model.weights.assign(plate_features(blank, svm.features).size(), 0.01F);
   write_plate_svm(seed("plate_svm", "lbp.json"), svm, kNothing);
 
   CharacterReader characters;
   characters.symbols = "AB";
   LinearModel machine;
   characters.kind = ReaderKind::kMlp;
-  characters.low = 1;
+  characters.thumbnail_size = 1;
   Mlp& net = characters.mlp;
   net.inputs =
       static_cast<int>(projection_features(cv::Mat(20, 20, CV_8UC1, cv::Scalar(0)), 1).size());
@@ -239,8 +239,8 @@ void plate_models() {
   net.outputs = 2;
   net.mean.assign(static_cast<std::size_t>(net.inputs), 0.5F);
   net.scale.assign(static_cast<std::size_t>(net.inputs), 2);
-  net.first.assign(2 * static_cast<std::size_t>(net.inputs + 1), 0.1F);
-  net.second.assign(6, 0.2F);
+  net.hidden_weights.assign(2 * static_cast<std::size_t>(net.inputs + 1), 0.1F);
+  net.output_weights.assign(6, 0.2F);
   write_character_reader(seed("character_reader", "mlp.json"), characters, kNothing);
 }
 

@@ -25,20 +25,22 @@ using namespace tarsier::plate;
 TARSIER_FUZZ_TARGET(plate_country, kBytes) {
   const Country country = parse_country(text_of(input), "xx.txt");
   for (const Layout& layout : country.layouts) {
-    expect(layout.places.size() >= 2 && layout.places.size() <= 12, "a layout of another length");
+    expect(layout.positions.size() >= 2 && layout.positions.size() <= 12,
+           "a layout of another length");
     expect(std::isfinite(layout.weight) && layout.weight > 0, "a weight that is none");
     expect(std::isfinite(layout.prior) && layout.prior > 0, "a prior that is none");
-    expect(layout.group_break >= 0 && layout.group_break < static_cast<int>(layout.places.size()),
-           "a break beside the text");
-    for (const SymbolSet place : layout.places) expect(place != 0, "a place for nothing");
+    expect(
+        layout.group_break >= 0 && layout.group_break < static_cast<int>(layout.positions.size()),
+        "a break beside the text");
+    for (const SymbolSet position : layout.positions) expect(position != 0, "a place for nothing");
   }
   const CountryChoice choice = choose_countries({country}, {"any"});
-  (void)weighed_by_form(choice, PlateForm::kShort);
+  (void)weighted_by_aspect(choice, AspectRange::kShort);
 }
 
 TARSIER_FUZZ_TARGET(symbol_labels, kBytes) {
   for (const SymbolLabel& label : parse_symbol_labels(text_of(input), "plate.txt")) {
-    expect(label.kind >= 0 && label.kind < kBlank, "a class that is none");
+    expect(label.class_id >= 0 && label.class_id < kBlank, "a class that is none");
     expect(std::abs(label.x) < 2 && std::abs(label.y) < 2, "a box far away");
     expect(label.w > 0 && label.w < 2 && label.h > 0 && label.h < 2, "a box of no size");
   }
@@ -74,13 +76,13 @@ TARSIER_FUZZ_TARGET(plate_reader, kJson) {
 
 TARSIER_FUZZ_TARGET(plate_svm, kJson) {
   const PlateSvm svm = read_plate_svm(file_of(input, "model.json"));
-  (void)svm.chance.at(svm.margin(cv::Mat(33, 144, CV_8UC1, cv::Scalar(7))));
+  (void)svm.platt.probability(svm.margin(cv::Mat(33, 144, CV_8UC1, cv::Scalar(7))));
 }
 
 TARSIER_FUZZ_TARGET(character_reader, kJson) {
   const CharacterReader reader = read_character_reader(file_of(input, "model.json"));
-  const auto chances = reader.chances(cv::Mat(20, 20, CV_8UC1, cv::Scalar(7)));
-  expect(chances.size() == reader.symbols.size(), "chances of other symbols");
+  const auto probabilities = reader.probabilities(cv::Mat(20, 20, CV_8UC1, cv::Scalar(7)));
+  expect(probabilities.size() == reader.symbols.size(), "chances of other symbols");
 }
 
 TARSIER_FUZZ_TARGET(xml_matrices, kBytes) {

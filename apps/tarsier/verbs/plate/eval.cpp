@@ -134,12 +134,15 @@ std::string table(const plate::PlateScores& scores) {
   text += scores.confidence_auc < 0
               ? fmt::format("{:<22}     -\n", "confidence AUC")
               : fmt::format("{:<22} {:6.3f}\n", "confidence AUC", scores.confidence_auc);
-  if (scores.judged > 0) {
+  if (scores.evaluated > 0) {
     text += fmt::format("{:<22} {:6.3f}  expected, of {} confidences\n", "calibration error",
-                        scores.calibration_error, scores.judged);
-    text += line("wrong above 0.9", scores.sure > 0 ? 1.0 * scores.sure_wrong / scores.sure : -1,
-                 fmt::format("{}/{}  {}", scores.sure_wrong, scores.sure,
-                             interval_text(scores.sure_wrong, scores.sure)));
+                        scores.calibration_error, scores.evaluated);
+    text += line("wrong above 0.9",
+                 scores.high_confidence > 0
+                     ? 1.0 * scores.high_confidence_wrong / scores.high_confidence
+                     : -1,
+                 fmt::format("{}/{}  {}", scores.high_confidence_wrong, scores.high_confidence,
+                             interval_text(scores.high_confidence_wrong, scores.high_confidence)));
   }
   if (scores.median_ms >= 0) {
     text += fmt::format("{:<22} {:5.1f} ms median, {:.1f} ms 90th percentile\n", "time",

@@ -170,7 +170,7 @@ ExitStatus forget_plates(const LogFlags& flags, const Context& context) {
   PlateLog log(flags.path, DatabaseAccess::kWrite);
   plate::ForgetOptions options;
   // The pause lets other writers in: they check for the lock every 25 to 100 ms.
-  options.between = [&](std::int64_t) {
+  options.after_batch = [&](std::int64_t) {
     throw_if_stopped(context.stop);
     (void)sleep_unless_stopped(std::chrono::milliseconds(50), context.stop);
   };
@@ -260,7 +260,7 @@ ExitStatus export_corrections(const LogFlags& flags, const Context& context) {
     if (plate.has_crop && !text.empty()) {
       const cv::Mat crop =
           decode_image(log.crop(plate.id), fmt::format("{}: entry {}", flags.path, plate.id));
-      cut = recognizer.cut_text(crop, corners_in(crop, recognizer), text);
+      cut = recognizer.crop_text(crop, corners_in(crop, recognizer), text);
     }
     if (!cut) {
       ++left_out;

@@ -146,7 +146,7 @@ plate::SiteMoment PlateReports::site_moment_of(const Frame& frame) {
   if (source_.empty()) clock_.begin({}, frame.time);  // all are live: they share one clock
   source_ = frame.name;
   plate::SiteMoment moment;
-  moment.seen = tick(frame, moment.step);
+  moment.frame_moment = tick(frame, moment.step);
   return moment;
 }
 

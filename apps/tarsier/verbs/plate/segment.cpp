@@ -64,19 +64,20 @@ struct Writer {
     const std::string stem = frame.still ? fs::path(frame.name).stem().string().substr(0, 100)
                                          : fmt::format("frame-{:06}", frame.index);
     int number = 0;
-    for (const plate::Candidate144& candidate :
+    for (const plate::ClassicCandidate& candidate :
          plate::find_classic_candidates(frame.image, options, nullptr)) {
-      const double chance = model.svm.chance.at(model.svm.margin(candidate.gray));
+      const double probability = model.svm.platt.probability(model.svm.margin(candidate.gray));
       const cv::Rect box = plate::bounding_box(candidate.corners, frame.image.size());
-      nlohmann::ordered_json line{
-          {"image", frame.name}, {"box", {box.x, box.y, box.width, box.height}}, {"plate", chance}};
+      nlohmann::ordered_json line{{"image", frame.name},
+                                  {"box", {box.x, box.y, box.width, box.height}},
+                                  {"plate", probability}};
       if (!flags.characters) {
-        const char* kind = flags.unsorted ? "unsorted" : chance > 0.5 ? "plate" : "no-plate";
+        const char* kind = flags.unsorted ? "unsorted" : probability > 0.5 ? "plate" : "no-plate";
         save(fs::path(flags.output) / kind,
              fmt::format("{}-{:02}-{}-{}.png", stem, ++number, box.x, box.y), candidate.gray, line);
         continue;
       }
-      if (chance < 0.5) continue;
+      if (probability < 0.5) continue;
       const plate::ClassicText text = plate::read_candidate(candidate, model.reader, options);
       for (std::size_t i = 0; i < text.segments.size(); ++i) {
         const std::string kind = flags.unsorted ? "unsorted" : std::string(1, text.text[i]);

@@ -78,10 +78,10 @@ std::map<std::string, plate::Region> regions_of(const std::vector<std::string>& 
 nlohmann::ordered_json json_of(const plate::CameraReport& report) {
   return {{"camera", report.name},
           {"received", report.received},
-          {"looked_at", report.looked_at},
+          {"looked_at", report.examined},
           {"moving", report.moving},
           {"read", report.read},
-          {"in_part", report.in_part},
+          {"in_part", report.read_partially},
           {"vehicles", report.vehicles},
           {"restarts", report.restarts},
           {"cpu_s", rounded(report.cpu_s, 3)}};
@@ -98,7 +98,7 @@ void print_reports(const std::vector<plate::CameraReport>& reports, const Contex
     log_info(
         "{}: {} frames received, {} checked for motion, {} with motion, {} read in {:.1f} CPU s; "
         "{} vehicles, {} restarts",
-        report.name, report.received, report.looked_at, report.moving, report.read, report.cpu_s,
+        report.name, report.received, report.examined, report.moving, report.read, report.cpu_s,
         report.vehicles, report.restarts);
   }
 }

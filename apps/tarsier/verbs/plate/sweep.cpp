@@ -30,7 +30,7 @@ image::draw::Plot plot_of(const std::vector<plate::StudyCell>& cells) {
   plot.x.label = "hidden neurons";
   plot.y.label = "error of unseen characters (%)";
   for (const plate::StudyCell& cell : cells) {
-    const std::string name = fmt::format("{0}x{0} px", cell.low);
+    const std::string name = fmt::format("{0}x{0} px", cell.thumbnail_size);
     if (plot.series.empty() || plot.series.back().name != name) {
       plot.series.emplace_back();
       plot.series.back().name = name;
@@ -70,13 +70,13 @@ ExitStatus run_sweep(SweepFlags& flags, Context& context) {
   for (const plate::StudyCell& cell : cells) {
     if (context.json) {
       print_json(nlohmann::ordered_json{{"reader", flags.reader},
-                                        {"features", cell.low},
+                                        {"features", cell.thumbnail_size},
                                         {"neurons", cell.neurons},
                                         {"splits", cell.errors.size()},
                                         {"error_mean", rounded(cell.mean(), 5)},
                                         {"error_deviation", rounded(cell.deviation(), 5)}});
     } else {
-      print_text(fmt::format("{:>4} px {:>5} neurons  {:6.2f} % +- {:.2f}\n", cell.low,
+      print_text(fmt::format("{:>4} px {:>5} neurons  {:6.2f} % +- {:.2f}\n", cell.thumbnail_size,
                              cell.neurons, 100 * cell.mean(), 100 * cell.deviation()));
     }
   }
@@ -84,8 +84,8 @@ ExitStatus run_sweep(SweepFlags& flags, Context& context) {
       cells.begin(), cells.end(),
       [](const plate::StudyCell& a, const plate::StudyCell& b) { return a.mean() < b.mean(); });
   if (!context.json && cells.size() > 1)
-    print_text(fmt::format("best: {0}x{0} px, {1} neurons, {2:.2f} %\n", best->low, best->neurons,
-                           100 * best->mean()));
+    print_text(fmt::format("best: {0}x{0} px, {1} neurons, {2:.2f} %\n", best->thumbnail_size,
+                           best->neurons, 100 * best->mean()));
   return ExitStatus::kDone;
 }
 

@@ -4,8 +4,8 @@
 #include "tarsier/media/model_store.h"
 #include "tarsier/plate/networks/recognizer.h"
 #include "tarsier/plate/text/country.h"
-#include "tarsier/plate/train/found.h"
 #include "tarsier/plate/train/training.h"
+#include "tarsier/plate/train/whole_image_fit.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -46,9 +46,9 @@ struct TrainFlags {
   ClassicTrainFlags classic;
 };
 
-plate::ViewMaker view_maker(const std::vector<std::string>& folders,
-                            std::shared_ptr<const synth::GlyphSet> glyphs) {
-  plate::ViewMaker views;
+plate::ViewGenerator view_maker(const std::vector<std::string>& folders,
+                                std::shared_ptr<const synth::GlyphSet> glyphs) {
+  plate::ViewGenerator views;
   for (const std::string& folder : folders) {
     std::vector<plate::Scene> scenes = plate::read_scenes(folder, 1e6);
     std::size_t plates = 0;
@@ -95,12 +95,12 @@ ExitStatus train_detector(TrainFlags& flags, Context& context) {
   flags.options.seed = context.seed;
   flags.options.check();
   flags.scenes = flags.inputs;
-  plate::ViewMaker views = view_maker(flags.inputs, glyphs_of(flags, context.seed));
+  plate::ViewGenerator views = view_maker(flags.inputs, glyphs_of(flags, context.seed));
   views.wild = flags.wild;
   plate::DetectorModel model;
   model.detector = plate::train_detector(views, flags.options, *context.progress, context.stop);
-  views.distractors = plate::find_distractors(views.scenes, model.detector);
-  log_info("{} false detections are used as negative examples", views.distractors.size());
+  views.hard_negatives = plate::find_hard_negatives(views.scenes, model.detector);
+  log_info("{} false detections are used as negative examples", views.hard_negatives.size());
   model.aligner = plate::train_aligner(views, flags.options, *context.progress, context.stop);
   flags.inputs.clear();
   plate::write_detector_model(flags.output, model, provenance(flags, context));
@@ -136,7 +136,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     detector_model =
         plate::read_detector_model(models.path_or(flags.detector, "plate-detector.json"));
   }
-  plate::ViewMaker views = view_maker(flags.scenes, glyphs_of(flags, context.seed));
+  plate::ViewGenerator views = view_maker(flags.scenes, glyphs_of(flags, context.seed));
   views.wild = flags.wild;
   std::vector<plate::LabelledCrop> crops;
   for (const std::string& folder : flags.inputs) {
@@ -161,7 +161,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   if (start) learnt_from["from"] = fs::path(flags.from).filename().string();
   if (start && flags.options.keep > 0) learnt_from["keep"] = flags.options.keep;
   if (!split.test.empty()) {
-    const plate::CharacterErrors errors = plate::test_line_reader(model.line, split.test);
+    const plate::CharacterErrors errors = plate::evaluate_line_reader(model.line, split.test);
     log_info("{} plates held out: {} of {} characters read wrong ({:.2f} %)", split.test.size(),
              errors.wrong, errors.characters, 100.0 * errors.wrong / errors.characters);
     learnt_from["held_out"] = {
@@ -171,7 +171,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     return plate::choose_countries(plate::read_countries(models.path("countries")), {});
   };
   if (flags.calibration > 0) {
-    model.confidence = model.character = {};  // they belong to another model
+    model.confidence_curve = model.character_curve = {};  // they belong to another model
     const plate::Recognizer recognizer(detector_model, model, countries());
     // Typefaces outside the training set, like those that the model will meet.
     views.glyphs = glyphs_of(flags, context.seed + kUnseen);
@@ -179,11 +179,11 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
                                                context.seed + 99, *context.progress, context.stop);
   }
   if (!flags.found.empty()) {
-    const plate::FoundCounts counts = plate::fit_to_found(detector_model, countries(), flags.found,
-                                                          model, *context.progress, context.stop);
+    const plate::WholeImageCounts counts = plate::fit_to_whole_images(
+        detector_model, countries(), flags.found, model, *context.progress, context.stop);
     log_info(
         "{} detections in {} images, {} of them plates; of {} known texts {} were read correctly",
-        counts.finds, counts.images, counts.plates, counts.texts, counts.right);
+        counts.detections, counts.images, counts.plates, counts.texts, counts.correct);
     learnt_from["found"] = short_names(flags.found);
   }
   if (before.is_object()) {

@@ -13,11 +13,11 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr int kDetail = 3;  // scale of Candidate144::plain
+constexpr int kPlainScale = 3;  // scale of ClassicCandidate::plain
 
 double length(cv::Point2f v) { return std::hypot(v.x, v.y); }
 
-bool has_form(const Quad& quad, const CandidateOptions& options) {
+bool has_plate_shape(const Quad& quad, const CandidateOptions& options) {
   const double width = length(quad[1] - quad[0]);
   const double height = length(quad[3] - quad[0]);
   if (height < options.min_height || height > options.max_height) return false;
@@ -26,7 +26,7 @@ bool has_form(const Quad& quad, const CandidateOptions& options) {
          aspect < options.aspect * (1 + options.aspect_error);
 }
 
-cv::Mat straightened(const cv::Mat& gray, const Quad& quad, cv::Size size) {
+cv::Mat rectified(const cv::Mat& gray, const Quad& quad, cv::Size size) {
   const cv::Point2f to[3] = {{-0.5F, -0.5F},
                              {static_cast<float>(size.width) - 0.5F, -0.5F},
                              {-0.5F, static_cast<float>(size.height) - 0.5F}};
@@ -58,19 +58,19 @@ std::vector<cv::Point> row_ends(const cv::Mat& mask) {
 // plate.
 bool flooded_box(const cv::Mat& gray, const Quad& around, const CandidateOptions& options, Rng& rng,
                  Quad& box) {
-  const cv::Point2f middle = (around[0] + around[2]) * 0.5F;
+  const cv::Point2f center = (around[0] + around[2]) * 0.5F;
   const double reach = std::min(length(around[1] - around[0]), length(around[3] - around[0])) / 2;
   // Fills only the neighbourhood: a mask of the whole image for each candidate would be slow.
   const int margin = static_cast<int>(length(around[1] - around[0]) * 0.8) + 4;
   const cv::Rect window =
-      cv::Rect(cvRound(middle.x) - margin, cvRound(middle.y) - margin, 2 * margin, 2 * margin) &
+      cv::Rect(cvRound(center.x) - margin, cvRound(center.y) - margin, 2 * margin, 2 * margin) &
       cv::Rect(0, 0, gray.cols, gray.rows);
   if (window.empty()) return false;
   cv::Mat part = gray(window);
   cv::Mat mask = cv::Mat::zeros(part.rows + 2, part.cols + 2, CV_8UC1);
   for (int i = 0; i < options.seeds; ++i) {
-    const int y = cvRound(static_cast<double>(middle.y) + rng.uniform(-reach, reach));
-    const int x = cvRound(static_cast<double>(middle.x) + rng.uniform(-reach, reach));
+    const int y = cvRound(static_cast<double>(center.y) + rng.uniform(-reach, reach));
+    const int x = cvRound(static_cast<double>(center.x) + rng.uniform(-reach, reach));
     const cv::Point seed = cv::Point(x, y) - window.tl();
     if (seed.x < 0 || seed.y < 0 || seed.x >= part.cols || seed.y >= part.rows) continue;
     if (mask.at<std::uint8_t>(seed.y + 1, seed.x + 1) != 0) continue;
@@ -82,7 +82,7 @@ bool flooded_box(const cv::Mat& gray, const Quad& around, const CandidateOptions
   if (cv::countNonZero(flooded) < 20) return false;
   box = upright_corners(cv::minAreaRect(row_ends(flooded)));
   for (cv::Point2f& p : box) p += cv::Point2f(window.tl());
-  return has_form(box, options);
+  return has_plate_shape(box, options);
 }
 
 }  // namespace
@@ -107,11 +107,11 @@ Quad upright_corners(const cv::RotatedRect& box) {
   return points;
 }
 
-std::vector<Candidate144> find_candidates(const cv::Mat& gray, const CandidateOptions& options,
-                                          Rng rng, DebugSink* debug) {
+std::vector<ClassicCandidate> find_candidates(const cv::Mat& gray, const CandidateOptions& options,
+                                              Rng rng, DebugSink* debug) {
   options.check();
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "an image of type {}", gray.type());
-  std::vector<Candidate144> result;
+  std::vector<ClassicCandidate> result;
   if (gray.cols < 20 || gray.rows < 20) return result;
   cv::Mat blurred;
   cv::blur(gray, blurred, {5, 5});
@@ -139,16 +139,16 @@ std::vector<Candidate144> find_candidates(const cv::Mat& gray, const CandidateOp
   std::uint64_t number = 0;
   for (const std::vector<cv::Point>& contour : contours) {
     const Quad rough = upright_corners(cv::minAreaRect(contour));
-    if (!has_form(rough, options)) continue;
+    if (!has_plate_shape(rough, options)) continue;
     Rng own = rng.fork(++number);
     // The box of the edges and the flooded box are both candidates.
     std::vector<Quad> boxes{rough};
     Quad box;
     if (flooded_box(gray, rough, options, own, box)) boxes.insert(boxes.begin(), box);
     for (const Quad& corners : boxes) {
-      Candidate144 candidate;
+      ClassicCandidate candidate;
       candidate.corners = corners;
-      candidate.plain = straightened(gray, corners, kPlateSize * kDetail);
+      candidate.plain = rectified(gray, corners, kPlateSize * kPlainScale);
       cv::Mat small;
       cv::resize(candidate.plain, small, kPlateSize, 0, 0, cv::INTER_AREA);
       cv::blur(small, small, {3, 3});

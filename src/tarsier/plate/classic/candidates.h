@@ -13,7 +13,7 @@
 namespace tarsier::plate {
 
 // A region that may be a plate.
-struct Candidate144 {
+struct ClassicCandidate {
   Quad corners{};  // in the image
   cv::Mat gray;    // 144x33, rectified, 3x3 blurred, equalised
   cv::Mat plain;   // the same at three times the size, not equalised; characters are segmented here
@@ -39,9 +39,9 @@ struct CandidateOptions {
 // Otsu's threshold, closing 17x3, contours whose rotated box has the shape of a plate. The white
 // plate is then flood-filled from random points; its rotated box is used if it has the shape of a
 // plate as well.
-[[nodiscard]] std::vector<Candidate144> find_candidates(const cv::Mat& gray,
-                                                        const CandidateOptions& options, Rng rng,
-                                                        DebugSink* debug);
+[[nodiscard]] std::vector<ClassicCandidate> find_candidates(const cv::Mat& gray,
+                                                            const CandidateOptions& options,
+                                                            Rng rng, DebugSink* debug);
 
 // Corners of a rotated box with its long sides horizontal: top left first, clockwise. It uses only
 // the points, because the meaning of cv::RotatedRect's angle changed in OpenCV 4.5.1.

@@ -21,8 +21,8 @@ constexpr int kHogCell = 4;
 constexpr int kHogBins = 9;
 constexpr int kSvmRounds = 200;
 
-std::vector<float> features_of(const cv::Mat& character, ReaderKind kind, int low) {
-  return kind == ReaderKind::kMlp ? projection_features(character, low)
+std::vector<float> features_of(const cv::Mat& character, ReaderKind kind, int thumbnail_size) {
+  return kind == ReaderKind::kMlp ? projection_features(character, thumbnail_size)
                                   : hog_features(character, kHogCell, kHogBins);
 }
 
@@ -36,8 +36,8 @@ cv::Mat shifted(const cv::Mat& character, int dx, int dy) {
 }
 
 // The character, and for the linear SVMs on gradients also imprecisely cropped versions of it:
-// these machines do not learn that tolerance from a few hundred examples.
-std::vector<cv::Mat> views_of(const cv::Mat& character, ReaderKind kind) {
+// these SVMs do not learn that tolerance from a few hundred examples.
+std::vector<cv::Mat> augmented(const cv::Mat& character, ReaderKind kind) {
   if (kind == ReaderKind::kMlp) return {character};
   return {character, shifted(character, 1, 0), shifted(character, -1, 0), shifted(character, 0, 1),
           shifted(character, 0, -1)};
@@ -50,13 +50,13 @@ void CharacterReaderOptions::check() const {
   mlp.check();
 }
 
-std::vector<double> CharacterReader::chances(const cv::Mat& character) const {
-  const std::vector<float> features = features_of(character, kind, low);
+std::vector<double> CharacterReader::probabilities(const cv::Mat& character) const {
+  const std::vector<float> features = features_of(character, kind, thumbnail_size);
   std::vector<double> scores;
   if (kind == ReaderKind::kMlp) {
     for (const float value : mlp.run(features.data())) scores.push_back(static_cast<double>(value));
   } else {
-    for (const LinearModel& machine : machines) scores.push_back(machine.margin(features.data()));
+    for (const LinearModel& svm : svms) scores.push_back(svm.margin(features.data()));
   }
   const double top = *std::max_element(scores.begin(), scores.end());
   double sum = 0;
@@ -65,21 +65,21 @@ std::vector<double> CharacterReader::chances(const cv::Mat& character) const {
   return scores;
 }
 
-CharacterReader train_character_reader(const CharacterSet& set, const std::vector<int>& chosen,
+CharacterReader train_character_reader(const CharacterSet& set, const std::vector<int>& indices,
                                        const CharacterReaderOptions& options, Rng rng,
                                        const std::stop_token& stop) {
   options.check();
-  TARSIER_REQUIRE(!chosen.empty(), "no characters to learn from");
+  TARSIER_REQUIRE(!indices.empty(), "no characters to learn from");
   CharacterReader reader;
   reader.kind = options.kind;
   reader.symbols = set.symbols;
-  reader.low = options.low;
+  reader.thumbnail_size = options.thumbnail_size;
   cv::Mat rows;
   std::vector<int> labels;
-  for (const int i : chosen) {
+  for (const int i : indices) {
     const auto k = static_cast<std::size_t>(i);
-    for (const cv::Mat& view : views_of(set.characters[k], options.kind)) {
-      std::vector<float> features = features_of(view, options.kind, options.low);
+    for (const cv::Mat& view : augmented(set.characters[k], options.kind)) {
+      std::vector<float> features = features_of(view, options.kind, options.thumbnail_size);
       rows.push_back(cv::Mat(features, true).reshape(1, 1));
       labels.push_back(set.labels[k]);
     }
@@ -91,25 +91,26 @@ CharacterReader train_character_reader(const CharacterSet& set, const std::vecto
   }
   for (int c = 0; c < classes; ++c) {
     throw_if_stopped(stop);
-    std::vector<int> sides;
-    for (const int label : labels) sides.push_back(label == c ? 1 : -1);
-    reader.machines.push_back(train_linear_svm(rows, sides, options.cost, kSvmRounds,
-                                               rng.fork(static_cast<std::uint64_t>(c))));
+    std::vector<int> binary_labels;
+    for (const int label : labels) binary_labels.push_back(label == c ? 1 : -1);
+    reader.svms.push_back(train_linear_svm(rows, binary_labels, options.cost, kSvmRounds,
+                                           rng.fork(static_cast<std::uint64_t>(c))));
   }
   return reader;
 }
 
 double character_error(const CharacterReader& reader, const CharacterSet& set,
-                       const std::vector<int>& chosen) {
-  if (chosen.empty()) return 0;
+                       const std::vector<int>& indices) {
+  if (indices.empty()) return 0;
   int wrong = 0;
-  for (const int i : chosen) {
+  for (const int i : indices) {
     const auto k = static_cast<std::size_t>(i);
-    const std::vector<double> chances = reader.chances(set.characters[k]);
-    const auto best = std::max_element(chances.begin(), chances.end()) - chances.begin();
+    const std::vector<double> probabilities = reader.probabilities(set.characters[k]);
+    const auto best =
+        std::max_element(probabilities.begin(), probabilities.end()) - probabilities.begin();
     wrong += best != set.labels[k];
   }
-  return static_cast<double>(wrong) / static_cast<double>(chosen.size());
+  return static_cast<double>(wrong) / static_cast<double>(indices.size());
 }
 
 CharacterSplit split_characters(const CharacterSet& set, int train, Rng rng) {
@@ -136,11 +137,11 @@ CharacterSplit split_characters(const CharacterSet& set, int train, Rng rng) {
   return split;
 }
 
-cv::Mat normalized_character(const cv::Mat& cut) {
-  TARSIER_REQUIRE(cut.type() == CV_8UC1 && !cut.empty(), "a character of type {}", cut.type());
-  const int side = std::max(cut.cols, cut.rows);
+cv::Mat normalized_character(const cv::Mat& crop) {
+  TARSIER_REQUIRE(crop.type() == CV_8UC1 && !crop.empty(), "a character of type {}", crop.type());
+  const int side = std::max(crop.cols, crop.rows);
   cv::Mat square(side, side, CV_8UC1, cv::Scalar(0));
-  cut.copyTo(square({(side - cut.cols) / 2, (side - cut.rows) / 2, cut.cols, cut.rows}));
+  crop.copyTo(square({(side - crop.cols) / 2, (side - crop.rows) / 2, crop.cols, crop.rows}));
   cv::Mat result;
   cv::resize(square, result, {kCharacterSize, kCharacterSize}, 0, 0,
              side > 2 * kCharacterSize ? cv::INTER_AREA : cv::INTER_LINEAR);
@@ -156,9 +157,9 @@ constexpr NameTable<ReaderKind, 2> kKinds{"reader",
 
 void list_mlp(linalg::ModelFields& file, CharacterReader& reader, const cv::Mat& blank) {
   Mlp& net = reader.mlp;
-  file.whole("low", reader.low, 1, kCharacterSize);
+  file.whole("low", reader.thumbnail_size, 1, kCharacterSize);
   if (file.reads()) {
-    net.inputs = static_cast<int>(projection_features(blank, reader.low).size());
+    net.inputs = static_cast<int>(projection_features(blank, reader.thumbnail_size).size());
     net.outputs = static_cast<int>(reader.symbols.size());
   }
   file.whole("hidden", net.hidden, 1, 1000);
@@ -166,28 +167,28 @@ void list_mlp(linalg::ModelFields& file, CharacterReader& reader, const cv::Mat&
   file.list<float>("scale", net.scale, net.inputs);
   file.require(std::all_of(net.scale.begin(), net.scale.end(), [](float s) { return s > 0; }),
                "scale: numbers above 0 are expected");
-  file.rows("first", net.first, net.hidden, net.inputs + 1);
-  file.rows("second", net.second, net.outputs, net.hidden + 1);
+  file.rows("first", net.hidden_weights, net.hidden, net.inputs + 1);
+  file.rows("second", net.output_weights, net.outputs, net.hidden + 1);
 }
 
-void list_machines(linalg::ModelFields& file, CharacterReader& reader, const cv::Mat& blank) {
+void list_svms(linalg::ModelFields& file, CharacterReader& reader, const cv::Mat& blank) {
   const std::size_t classes = reader.symbols.size();
   const std::size_t width = hog_features(blank, kHogCell, kHogBins).size();
   std::vector<float> weights;
   std::vector<float> bias;
-  for (const LinearModel& machine : reader.machines) {
-    weights.insert(weights.end(), machine.weights.begin(), machine.weights.end());
-    bias.push_back(machine.bias);
+  for (const LinearModel& svm : reader.svms) {
+    weights.insert(weights.end(), svm.weights.begin(), svm.weights.end());
+    bias.push_back(svm.bias);
   }
   file.rows("weights", weights, static_cast<std::int64_t>(classes),
             static_cast<std::int64_t>(width));
   file.list<float>("bias", bias, static_cast<std::int64_t>(classes));
   if (!file.reads()) return;
-  reader.machines.resize(classes);
+  reader.svms.resize(classes);
   for (std::size_t c = 0; c < classes; ++c) {
     const auto row = weights.begin() + static_cast<std::ptrdiff_t>(c * width);
-    reader.machines[c].weights.assign(row, row + static_cast<std::ptrdiff_t>(width));
-    reader.machines[c].bias = bias[c];
+    reader.svms[c].weights.assign(row, row + static_cast<std::ptrdiff_t>(width));
+    reader.svms[c].bias = bias[c];
   }
 }
 
@@ -203,7 +204,7 @@ void list_reader(linalg::ModelFields& file, CharacterReader& reader) {
   if (reader.kind == ReaderKind::kMlp)
     list_mlp(file, reader, blank);
   else
-    list_machines(file, reader, blank);
+    list_svms(file, reader, blank);
 }
 
 }  // namespace

@@ -37,12 +37,13 @@ enum class ReaderKind { kMlp, kHog };
 
 struct CharacterReaderOptions {
   ReaderKind kind = ReaderKind::kHog;
-  int low = 10;     // the MLP's image is low x low pixels
-  MlpOptions mlp;   // 20 hidden
-  double cost = 5;  // of the linear SVMs on gradients
+  int thumbnail_size = 10;  // px, side of the MLP's image
+  MlpOptions mlp;           // 20 hidden
+  double cost = 5;          // of the linear SVMs on gradients
 
   [[nodiscard]] OptionFields fields() {
-    return {{"low", low, range(1, kCharacterSize), "--low", "px, side of the mlp's input image"},
+    return {{"low", thumbnail_size, range(1, kCharacterSize), "--low",
+             "px, side of the mlp's input image"},
             {"cost", cost, above(0)}};
   }
   void check() const;
@@ -52,24 +53,24 @@ struct CharacterReaderOptions {
 struct CharacterReader {
   ReaderKind kind = ReaderKind::kHog;
   std::string symbols;
-  int low = 10;
+  int thumbnail_size = 10;
   Mlp mlp;
-  std::vector<LinearModel> machines;  // one per class, against the other classes
-  double sharpness = 4;               // of the softmax over the margins
+  std::vector<LinearModel> svms;  // one per class, against the other classes
+  double sharpness = 4;           // of the softmax over the margins
 
   // Probabilities of the symbols; they sum to 1. `character`: CV_8UC1, 20x20.
-  [[nodiscard]] std::vector<double> chances(const cv::Mat& character) const;
+  [[nodiscard]] std::vector<double> probabilities(const cv::Mat& character) const;
 };
 
-// Trains on the characters of `set` whose indices are in `chosen`.
+// Trains on the characters of `set` with these `indices`.
 [[nodiscard]] CharacterReader train_character_reader(const CharacterSet& set,
-                                                     const std::vector<int>& chosen,
+                                                     const std::vector<int>& indices,
                                                      const CharacterReaderOptions& options, Rng rng,
                                                      const std::stop_token& stop = {});
 
-// Error rate on the characters in `chosen`.
+// Error rate on the characters with these `indices`.
 [[nodiscard]] double character_error(const CharacterReader& reader, const CharacterSet& set,
-                                     const std::vector<int>& chosen);
+                                     const std::vector<int>& indices);
 
 // Indices of the characters in random order, the first `train` of them for training. Groups are not
 // divided, so with groups the number is approximate.
@@ -84,6 +85,6 @@ void write_character_reader(const std::string& path, const CharacterReader& read
                             const nlohmann::json& provenance);
 
 // Centres a cropped character, bright on dark, in 20x20 px and keeps its aspect ratio.
-[[nodiscard]] cv::Mat normalized_character(const cv::Mat& cut);
+[[nodiscard]] cv::Mat normalized_character(const cv::Mat& crop);
 
 }  // namespace tarsier::plate

@@ -93,14 +93,14 @@ CharacterSet from_labelled_plates(const std::string& folder) {
     std::error_code error;
     if (!fs::exists(labels, error)) continue;
     const cv::Mat gray = read_gray_image(path.string());
-    for (const auto& [kind, x, y, w, h] : read_symbol_labels(labels.string())) {
+    for (const auto& [class_id, x, y, w, h] : read_symbol_labels(labels.string())) {
       const cv::Rect box =
           cv::Rect(cvRound((x - w / 2) * gray.cols), cvRound((y - h / 2) * gray.rows),
                    std::max(2, cvRound(w * gray.cols)), std::max(2, cvRound(h * gray.rows))) &
           cv::Rect(0, 0, gray.cols, gray.rows);
       if (box.width < 2 || box.height < 2) continue;
       set.characters.push_back(normalized_character(bright_ink(gray(box))));
-      set.labels.push_back(kind);
+      set.labels.push_back(class_id);
       set.groups.push_back(group);
     }
     ++group;

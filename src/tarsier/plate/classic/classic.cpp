@@ -15,20 +15,20 @@ namespace {
 
 constexpr std::size_t kMinCharacters = 4;
 constexpr std::size_t kMaxCharacters = 8;
-constexpr double kReward = 1.2;  // nats for each further character
-constexpr double kSameBox = 0.3;
+constexpr double kCharacterBonus = 1.2;  // nats for each further character
+constexpr double kMaxOverlap = 0.3;
 // Minimum probability of the SVM for reporting a plate without text.
-constexpr double kSurePlate = 0.5;
+constexpr double kMinPlateWithoutText = 0.5;
 
 // The characters of a plate form a line and have the same height; other segments (the band, rivets)
 // are removed.
-void keep_the_line(std::vector<Segment>& segments) {
+void keep_aligned_segments(std::vector<Segment>& segments) {
   if (segments.size() < 3) return;
   std::vector<int> heights;
-  std::vector<int> middles;
+  std::vector<int> centers;
   for (const Segment& segment : segments) {
     heights.push_back(segment.box.height);
-    middles.push_back(segment.box.y + segment.box.height / 2);
+    centers.push_back(segment.box.y + segment.box.height / 2);
   }
   const auto median = [](std::vector<int> values) {
     std::nth_element(values.begin(),
@@ -36,10 +36,10 @@ void keep_the_line(std::vector<Segment>& segments) {
     return values[values.size() / 2];
   };
   const int height = median(heights);
-  const int middle = median(middles);
+  const int center = median(centers);
   std::erase_if(segments, [&](const Segment& segment) {
     return std::abs(segment.box.height - height) > 0.2 * height ||
-           std::abs(segment.box.y + segment.box.height / 2 - middle) > 0.25 * height;
+           std::abs(segment.box.y + segment.box.height / 2 - center) > 0.25 * height;
   });
 }
 
@@ -56,15 +56,15 @@ Quad in_image(const Quad& corners, const cv::Rect& box, cv::Size canvas) {
 // A row often holds more than the plate's characters: the band's letter, an edge, a rivet. If the
 // reader knows only the symbols of Spanish plates, keeps the seven neighbours that are most likely
 // four digits and three letters, if each of them is plausible.
-void keep_the_spanish_seven(ClassicText& row, const std::string& symbols) {
+void keep_spanish_characters(ClassicText& row, const std::string& symbols) {
   constexpr std::size_t kDigits = 4;
   constexpr std::size_t kCharacters = 7;
-  constexpr double kMinChance = 0.02;
+  constexpr double kMinProbability = 0.02;
   if (symbols != kSpanishSymbols || row.text.size() < kCharacters) return;
-  const auto best_of = [&](const std::vector<double>& chances, bool digit) {
+  const auto best_of = [&](const std::vector<double>& probabilities, bool digit) {
     std::size_t best = digit ? 0 : 10;
     for (std::size_t k = best; k < (digit ? 10 : symbols.size()); ++k)
-      if (chances[k] > chances[best]) best = k;
+      if (probabilities[k] > probabilities[best]) best = k;
     return best;
   };
   std::size_t start = 0;
@@ -74,10 +74,10 @@ void keep_the_spanish_seven(ClassicText& row, const std::string& symbols) {
     std::string attempt;
     double sum = 0;
     for (std::size_t i = 0; i < kCharacters; ++i) {
-      const std::size_t symbol = best_of(row.chances[from + i], i < kDigits);
-      const double chance = row.chances[from + i][symbol];
-      if (chance < kMinChance) sum = -1e9;
-      sum += std::log(std::max(chance, 1e-6));
+      const std::size_t symbol = best_of(row.probabilities[from + i], i < kDigits);
+      const double probability = row.probabilities[from + i][symbol];
+      if (probability < kMinProbability) sum = -1e9;
+      sum += std::log(std::max(probability, 1e-6));
       attempt += symbols[symbol];
     }
     if (sum > score && sum > -1e8) {
@@ -92,7 +92,7 @@ void keep_the_spanish_seven(ClassicText& row, const std::string& symbols) {
     values.erase(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(start));
   };
   cut(row.segments);
-  cut(row.chances);
+  cut(row.probabilities);
   row.text = text;
 }
 
@@ -113,11 +113,12 @@ std::shared_ptr<const ClassicModel> read_classic_model(const std::string& svm_pa
   return model;
 }
 
-std::vector<Candidate144> find_classic_candidates(const cv::Mat& image,
-                                                  const ClassicOptions& options, DebugSink* debug) {
+std::vector<ClassicCandidate> find_classic_candidates(const cv::Mat& image,
+                                                      const ClassicOptions& options,
+                                                      DebugSink* debug) {
   options.check();
   const cv::Mat gray = gray_of(image);
-  std::vector<Candidate144> all;
+  std::vector<ClassicCandidate> all;
   std::uint64_t level = 0;
   for (const double scale : options.scales) {
     const cv::Size size(cvRound(gray.cols * scale), cvRound(gray.rows * scale));
@@ -126,7 +127,7 @@ std::vector<Candidate144> find_classic_candidates(const cv::Mat& image,
     if (scale != 1)
       cv::resize(gray, scaled, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
     ++level;
-    for (Candidate144& candidate :
+    for (ClassicCandidate& candidate :
          find_candidates(scaled, options.candidates, Rng(options.seed).fork(level),
                          level == 1 ? debug : nullptr)) {
       for (cv::Point2f& p : candidate.corners) {
@@ -139,7 +140,7 @@ std::vector<Candidate144> find_classic_candidates(const cv::Mat& image,
   return all;
 }
 
-ClassicText read_candidate(const Candidate144& candidate, const CharacterReader& reader,
+ClassicText read_candidate(const ClassicCandidate& candidate, const CharacterReader& reader,
                            const ClassicOptions& options) {
   cv::Mat unused;
   const double otsu = cv::threshold(candidate.plain, unused, 0, 255, cv::THRESH_OTSU);
@@ -149,14 +150,14 @@ ClassicText read_candidate(const Candidate144& candidate, const CharacterReader&
     ClassicText attempt;
     attempt.segments =
         find_segments(candidate.plain, static_cast<int>(otsu * factor), options.segments);
-    keep_the_line(attempt.segments);
+    keep_aligned_segments(attempt.segments);
     if (attempt.segments.size() > kMaxCharacters) continue;
     for (const Segment& segment : attempt.segments) {
-      std::vector<double> chances = reader.chances(segment.character);
-      const auto top = std::max_element(chances.begin(), chances.end());
-      attempt.text += reader.symbols[static_cast<std::size_t>(top - chances.begin())];
-      attempt.score += std::log(std::max(*top, 1e-6)) + kReward;
-      attempt.chances.push_back(std::move(chances));
+      std::vector<double> probabilities = reader.probabilities(segment.character);
+      const auto top = std::max_element(probabilities.begin(), probabilities.end());
+      attempt.text += reader.symbols[static_cast<std::size_t>(top - probabilities.begin())];
+      attempt.score += std::log(std::max(*top, 1e-6)) + kCharacterBonus;
+      attempt.probabilities.push_back(std::move(probabilities));
     }
     if (attempt.score > best.score) best = std::move(attempt);
   }
@@ -170,13 +171,13 @@ std::vector<Reading> read_classic(const cv::Mat& image, const ClassicModel& mode
     double score;
   };
   std::vector<Found> found;
-  const std::vector<Candidate144> candidates = find_classic_candidates(image, options, debug);
+  const std::vector<ClassicCandidate> candidates = find_classic_candidates(image, options, debug);
   int number = 0;
-  for (const Candidate144& candidate : candidates) {
-    const double chance = model.svm.chance.at(model.svm.margin(candidate.gray));
-    if (chance < options.min_plate) continue;
+  for (const ClassicCandidate& candidate : candidates) {
+    const double probability = model.svm.platt.probability(model.svm.margin(candidate.gray));
+    if (probability < options.min_plate) continue;
     ClassicText text = read_candidate(candidate, model.reader, options);
-    keep_the_spanish_seven(text, model.reader.symbols);
+    keep_spanish_characters(text, model.reader.symbols);
     if (debug != nullptr && number < 8) {
       ++number;
       cv::Mat canvas;
@@ -189,34 +190,35 @@ std::vector<Reading> read_classic(const cv::Mat& image, const ClassicModel& mode
     Reading& reading = item.reading;
     reading.corners = candidate.corners;
     reading.box = bounding_box(candidate.corners, image.size());
-    reading.plate = chance;
-    double least = chance;
+    reading.plate = probability;
+    double min_probability = probability;
     if (text.text.size() >= kMinCharacters) {
       reading.text = text.text;
       for (std::size_t i = 0; i < text.segments.size(); ++i) {
-        const double sure = text.chances[i][model.reader.symbols.find(text.text[i])];
+        const double confidence = text.probabilities[i][model.reader.symbols.find(text.text[i])];
         reading.characters.push_back(
-            {text.text[i], sure,
+            {text.text[i], confidence,
              in_image(candidate.corners, text.segments[i].box, candidate.plain.size())});
-        least = std::min(least, sure);
+        min_probability = std::min(min_probability, confidence);
       }
-      reading.candidates.push_back({text.text, least, ""});
+      reading.candidates.push_back({text.text, min_probability, ""});
     } else {
-      if (chance < kSurePlate) continue;
-      least *= 0.1;
+      if (probability < kMinPlateWithoutText) continue;
+      min_probability *= 0.1;
     }
-    reading.confidence = least;
-    item.score = text.score + std::log(std::max(chance, 1e-6));
+    reading.confidence = min_probability;
+    item.score = text.score + std::log(std::max(probability, 1e-6));
     found.push_back(std::move(item));
   }
   std::stable_sort(found.begin(), found.end(),
                    [](const Found& a, const Found& b) { return a.score > b.score; });
   std::vector<Reading> readings;
   for (Found& item : found) {
-    const bool again = std::any_of(readings.begin(), readings.end(), [&](const Reading& other) {
-      return overlap_of_smaller(other.box, item.reading.box) > kSameBox;
-    });
-    if (!again) readings.push_back(std::move(item.reading));
+    const bool is_duplicate =
+        std::any_of(readings.begin(), readings.end(), [&](const Reading& other) {
+          return overlap_of_smaller(other.box, item.reading.box) > kMaxOverlap;
+        });
+    if (!is_duplicate) readings.push_back(std::move(item.reading));
   }
   std::stable_sort(readings.begin(), readings.end(),
                    [](const Reading& a, const Reading& b) { return a.confidence > b.confidence; });

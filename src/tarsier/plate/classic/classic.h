@@ -47,19 +47,19 @@ struct ClassicModel {
                                                 const ClassicOptions& options, DebugSink* debug);
 
 // Candidates of all scales, in pixels of the original image.
-[[nodiscard]] std::vector<Candidate144> find_classic_candidates(const cv::Mat& image,
-                                                                const ClassicOptions& options,
-                                                                DebugSink* debug);
+[[nodiscard]] std::vector<ClassicCandidate> find_classic_candidates(const cv::Mat& image,
+                                                                    const ClassicOptions& options,
+                                                                    DebugSink* debug);
 
 // The best reading of a candidate: several binarisation thresholds are tried, and the row of
 // characters with the highest score is kept.
 struct ClassicText {
-  std::vector<Segment> segments;  // px of Candidate144::plain
-  std::vector<std::vector<double>> chances;
+  std::vector<Segment> segments;  // px of ClassicCandidate::plain
+  std::vector<std::vector<double>> probabilities;
   std::string text;
   double score = 0;  // sum of log probabilities, plus a bonus per character
 };
-[[nodiscard]] ClassicText read_candidate(const Candidate144& candidate,
+[[nodiscard]] ClassicText read_candidate(const ClassicCandidate& candidate,
                                          const CharacterReader& reader,
                                          const ClassicOptions& options);
 

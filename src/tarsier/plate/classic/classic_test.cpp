@@ -25,7 +25,7 @@ using testing::HasSubstr;
 namespace fs = std::filesystem;
 
 // Two noisy clusters, apart along both axes.
-TEST(LinearSvm, SeparatesWhatCanBeSeparated) {
+TEST(LinearSvm, SeparatesTwoClusters) {
   Rng rng(1);
   cv::Mat rows(80, 2, CV_32F);
   std::vector<int> labels;
@@ -41,20 +41,20 @@ TEST(LinearSvm, SeparatesWhatCanBeSeparated) {
   EXPECT_LT(model.weights[1], 0);
 }
 
-TEST(LinearSvm, ChancesFollowTheMargins) {
+TEST(PlattScaling, ProbabilityIncreasesWithMargin) {
   std::vector<double> margins;
   std::vector<int> labels;
   for (int i = -20; i <= 20; ++i) {
     margins.push_back(i / 10.0);
     labels.push_back(i > 3 || (i > -3 && i % 2 == 0) ? 1 : -1);
   }
-  const MarginToChance chance = fit_chance(margins, labels);
-  EXPECT_LT(chance.at(-2), 0.2);
-  EXPECT_GT(chance.at(2), 0.8);
-  EXPECT_LT(chance.at(-1), chance.at(1));
+  const PlattScaling scaling = fit_platt_scaling(margins, labels);
+  EXPECT_LT(scaling.probability(-2), 0.2);
+  EXPECT_GT(scaling.probability(2), 0.8);
+  EXPECT_LT(scaling.probability(-1), scaling.probability(1));
 }
 
-TEST(Mlp, LearnsWhatNoLineSeparates) {
+TEST(Mlp, LearnsXor) {
   Rng rng(3);
   cv::Mat rows(200, 2, CV_32F);
   std::vector<int> labels;
@@ -76,7 +76,7 @@ TEST(Mlp, LearnsWhatNoLineSeparates) {
   EXPECT_GE(right, 195);
 }
 
-TEST(Features, AreWhatTheirNamesSay) {
+TEST(CharacterFeatures, ProjectionsCountInkAndHogIgnoresContrast) {
   cv::Mat character(20, 20, CV_8UC1, cv::Scalar(0));
   character(cv::Rect(8, 0, 4, 20)).setTo(255);  // an upright bar
   const std::vector<float> f = projection_features(character, 5);
@@ -91,7 +91,7 @@ TEST(Features, AreWhatTheirNamesSay) {
       << "contrast must not matter";
 }
 
-TEST(Corners, BeginAtTheTopLeftWhateverTheAngle) {
+TEST(UprightCorners, StartAtTopLeftForAnyAngle) {
   for (int angle = -40; angle <= 40; angle += 10) {
     const cv::RotatedRect box({100, 100}, {80, 20}, static_cast<float>(angle));
     for (const cv::RotatedRect& same :
@@ -118,27 +118,27 @@ cv::Mat image_with_plate(double angle) {
   return image;
 }
 
-TEST(Candidates, FindAndStraightenAPlate) {
+TEST(FindCandidates, FindsAndRectifiesAPlate) {
   for (const double angle : {0.0, 8.0, -12.0}) {
     const auto found = find_candidates(image_with_plate(angle), {}, Rng(1), nullptr);
     ASSERT_FALSE(found.empty()) << angle;
     bool good = false;
-    for (const Candidate144& candidate : found) {
+    for (const ClassicCandidate& candidate : found) {
       EXPECT_EQ(candidate.gray.size(), kPlateSize);
-      const cv::Point2f middle = (candidate.corners[0] + candidate.corners[2]) * 0.5F;
-      good = good || cv::norm(middle - cv::Point2f(320, 180)) < 12;
+      const cv::Point2f center = (candidate.corners[0] + candidate.corners[2]) * 0.5F;
+      good = good || cv::norm(center - cv::Point2f(320, 180)) < 12;
     }
     EXPECT_TRUE(good) << angle;
   }
 }
 
-TEST(Candidates, SmallAndEmptyImagesGiveNone) {
+TEST(FindCandidates, ReturnsNoneForSmallAndUniformImages) {
   for (const cv::Size size : {cv::Size{1, 1}, cv::Size{19, 300}, cv::Size{200, 200}})
     EXPECT_TRUE(
         find_candidates(cv::Mat(size, CV_8UC1, cv::Scalar(128)), {}, Rng(1), nullptr).empty());
 }
 
-TEST(Segments, AreTheCharactersFromLeftToRight) {
+TEST(FindSegments, ReturnsCharactersFromLeftToRight) {
   cv::Mat plate(99, 432, CV_8UC1, cv::Scalar(230));
   for (int i = 0; i < 7; ++i) {
     cv::rectangle(plate, {50 + i * 52, 16, 36, 66}, cv::Scalar(20), 9);
@@ -166,7 +166,7 @@ CharacterSet bars() {
   return set;
 }
 
-TEST(Study, GroupsStayTogetherAndThreadsChangeNothing) {
+TEST(StudyReader, KeepsGroupsTogetherAndIsDeterministic) {
   const CharacterSet set = bars();
   const CharacterSplit split = split_characters(set, 80, Rng(1));
   EXPECT_EQ(split.train.size() + split.test.size(), 120U);
@@ -174,7 +174,7 @@ TEST(Study, GroupsStayTogetherAndThreadsChangeNothing) {
     for (const int b : split.test)
       EXPECT_NE(set.groups[static_cast<std::size_t>(a)], set.groups[static_cast<std::size_t>(b)]);
   StudyOptions options;
-  options.lows = {5};
+  options.thumbnail_sizes = {5};
   options.neurons = {4, 8};
   options.seeds = 2;
   options.train = 80;
@@ -188,7 +188,7 @@ TEST(Study, GroupsStayTogetherAndThreadsChangeNothing) {
 
 class ModelFiles : public FolderTest {};
 
-TEST_F(ModelFiles, ComeBackTheSame) {
+TEST_F(ModelFiles, CharacterReaderRoundTrips) {
   const CharacterSet set = bars();
   std::vector<int> all(set.characters.size());
   std::iota(all.begin(), all.end(), 0);
@@ -198,13 +198,13 @@ TEST_F(ModelFiles, ComeBackTheSame) {
     const CharacterReader reader = train_character_reader(set, all, options, Rng(1));
     const std::string path = folder_ + "/reader.json";
     write_character_reader(path, reader, nlohmann::json::object());
-    EXPECT_EQ(read_character_reader(path).chances(set.characters[3]),
-              reader.chances(set.characters[3]));
+    EXPECT_EQ(read_character_reader(path).probabilities(set.characters[3]),
+              reader.probabilities(set.characters[3]));
     EXPECT_THROW((void)read_plate_svm(path), ModelError);
   }
 }
 
-TEST_F(ModelFiles, OfMachinesInPrincipalComponentsComeBackTheSame) {
+TEST_F(ModelFiles, PcaSvmRoundTrips) {
   PlateSet set;
   Rng rng(3);
   for (int i = 0; i < 12; ++i) {
@@ -225,7 +225,7 @@ TEST_F(ModelFiles, OfMachinesInPrincipalComponentsComeBackTheSame) {
   EXPECT_THROW((void)read_character_reader(path), ModelError);
 }
 
-TEST_F(ModelFiles, ThatShipAreWrittenAsTheyAreRead) {
+TEST_F(ModelFiles, ShippedModelsRoundTripByteForByte) {
   constexpr std::int64_t kMaxBytes = 100'000'000;
   const auto expect_same = [&](const std::string& name, const auto& read, const auto& write) {
     const std::string shipped = std::string(TARSIER_SOURCE_MODELS) + "/" + name;
@@ -240,7 +240,7 @@ TEST_F(ModelFiles, ThatShipAreWrittenAsTheyAreRead) {
 
 class XmlFiles : public FolderTest {};
 
-TEST_F(XmlFiles, BadOnesAreRefused) {
+TEST_F(XmlFiles, RejectsMalformedFiles) {
   for (const std::string& text :
        {std::string("<opencv_storage>") + std::string(300'000, '<'),
         std::string("<opencv_storage><a type_id=\"opencv-matrix\"><rows>2</rows><cols>2</cols>"
@@ -252,7 +252,7 @@ TEST_F(XmlFiles, BadOnesAreRefused) {
   }
 }
 
-TEST(ClassicOnImages, ReadsMostOfTheTextbooksCars) {
+TEST(ClassicOnImages, ReadsMostTextbookPlates) {
   const char* data = std::getenv("TARSIER_DATA");
   const fs::path folder = fs::path(data == nullptr ? "" : data) / "plates-book";
   if (!fs::exists(folder / "truth.csv")) GTEST_SKIP() << "no plates-book in $TARSIER_DATA";

@@ -40,12 +40,12 @@ const std::array<std::uint8_t, 256>& uniform_classes() {
 
 }  // namespace
 
-std::vector<float> projection_features(const cv::Mat& character, int low) {
+std::vector<float> projection_features(const cv::Mat& character, int thumbnail_size) {
   TARSIER_REQUIRE(character.type() == CV_8UC1 && character.cols == kCharacterSize &&
                       character.rows == kCharacterSize,
                   "a character of {}x{}, type {}", character.cols, character.rows,
                   character.type());
-  TARSIER_REQUIRE(low >= 1 && low <= kCharacterSize, "{} px", low);
+  TARSIER_REQUIRE(thumbnail_size >= 1 && thumbnail_size <= kCharacterSize, "{} px", thumbnail_size);
   std::vector<float> features(2 * kCharacterSize, 0.0F);
   for (int y = 0; y < kCharacterSize; ++y) {
     for (int x = 0; x < kCharacterSize; ++x) {
@@ -56,13 +56,14 @@ std::vector<float> projection_features(const cv::Mat& character, int low) {
   }
   for (const int start : {0, kCharacterSize}) {
     const auto first = features.begin() + start;
-    const float most = *std::max_element(first, first + kCharacterSize);
-    if (most > 0) std::for_each(first, first + kCharacterSize, [&](float& v) { v /= most; });
+    const float max_count = *std::max_element(first, first + kCharacterSize);
+    if (max_count > 0)
+      std::for_each(first, first + kCharacterSize, [&](float& v) { v /= max_count; });
   }
   cv::Mat small;
-  cv::resize(character, small, {low, low}, 0, 0, cv::INTER_LINEAR);
-  for (int y = 0; y < low; ++y)
-    for (int x = 0; x < low; ++x)
+  cv::resize(character, small, {thumbnail_size, thumbnail_size}, 0, 0, cv::INTER_LINEAR);
+  for (int y = 0; y < thumbnail_size; ++y)
+    for (int x = 0; x < thumbnail_size; ++x)
       features.push_back(static_cast<float>(small.at<std::uint8_t>(y, x)));
   return features;
 }
@@ -89,9 +90,9 @@ std::vector<float> hog_features(const cv::Mat& gray, int cell, int bins) {
       if (size == 0) continue;
       float angle = std::atan2(gy, gx);
       if (angle < 0) angle += static_cast<float>(CV_PI);
-      const float place = angle / static_cast<float>(CV_PI) * static_cast<float>(bins) - 0.5F;
-      const int low = static_cast<int>(std::floor(place));
-      const float share = place - static_cast<float>(low);
+      const float position = angle / static_cast<float>(CV_PI) * static_cast<float>(bins) - 0.5F;
+      const int low = static_cast<int>(std::floor(position));
+      const float share = position - static_cast<float>(low);
       const float px = (static_cast<float>(x) + 0.5F) / static_cast<float>(cell) - 0.5F;
       const float py = (static_cast<float>(y) + 0.5F) / static_cast<float>(cell) - 0.5F;
       const int cx = static_cast<int>(std::floor(px));

@@ -12,9 +12,9 @@ inline constexpr int kCharacterSize = 20;  // px, square, bright on dark
 inline const cv::Size kPlateSize{144, 33};
 
 // Projection histograms (share of bright pixels in each column, then in each row, divided by the
-// largest) and the image at low x low px in row-major order: 40 + low^2 numbers. CV_8UC1, 20x20.
-// `low`: 1..20.
-[[nodiscard]] std::vector<float> projection_features(const cv::Mat& character, int low);
+// largest) and the image reduced to thumbnail_size^2 px, in row-major order: 40 + thumbnail_size^2
+// numbers. CV_8UC1, 20x20. `thumbnail_size`: 1..20.
+[[nodiscard]] std::vector<float> projection_features(const cv::Mat& character, int thumbnail_size);
 
 // Histograms of oriented gradients (Dalal and Triggs, CVPR 2005): cells of cell x cell px, `bins`
 // unsigned orientations with bilinear interpolation, overlapping blocks of 2x2 cells, each

@@ -46,9 +46,9 @@ LinearModel train_linear_svm(const cv::Mat& rows, const std::vector<int>& labels
     double largest = 0;
     for (const std::size_t i : order) {
       const auto* x = rows.ptr<float>(static_cast<int>(i));
-      const double slope = labels[i] * model.margin(x) - 1;
+      const double gradient = labels[i] * model.margin(x) - 1;
       const double before = alpha[i];
-      alpha[i] = std::clamp(before - slope / diagonal[i], 0.0, cost);
+      alpha[i] = std::clamp(before - gradient / diagonal[i], 0.0, cost);
       const double change = (alpha[i] - before) * labels[i];
       if (change == 0) continue;
       largest = std::max(largest, std::abs(change) * std::sqrt(diagonal[i]));
@@ -61,14 +61,14 @@ LinearModel train_linear_svm(const cv::Mat& rows, const std::vector<int>& labels
   return model;
 }
 
-double MarginToChance::at(double margin) const { return logistic(a * margin + b); }
+double PlattScaling::probability(double margin) const { return logistic(a * margin + b); }
 
-MarginToChance fit_chance(const std::vector<double>& margins, const std::vector<int>& labels) {
+PlattScaling fit_platt_scaling(const std::vector<double>& margins, const std::vector<int>& labels) {
   // Platt's targets avoid 0 and 1. Newton's method with a small ridge.
   const auto positives =
       static_cast<double>(std::count_if(labels.begin(), labels.end(), [](int y) { return y > 0; }));
   const double negatives = static_cast<double>(labels.size()) - positives;
-  MarginToChance fit;
+  PlattScaling fit;
   for (int round = 0; round < 60; ++round) {
     double ga = 1e-3 * fit.a;
     double gb = 1e-3 * fit.b;
@@ -77,7 +77,7 @@ MarginToChance fit_chance(const std::vector<double>& margins, const std::vector<
     double hbb = 1e-3;
     for (std::size_t i = 0; i < margins.size(); ++i) {
       const double target = labels[i] > 0 ? (positives + 1) / (positives + 2) : 1 / (negatives + 2);
-      const double p = fit.at(margins[i]);
+      const double p = fit.probability(margins[i]);
       const double w = std::max(1e-9, p * (1 - p));
       ga += (p - target) * margins[i];
       gb += p - target;

@@ -27,12 +27,12 @@ struct LinearModel {
 
 // Probability of the class +1 at a margin m: 1 / (1 + exp(-(a m + b))), fitted to margins with
 // known labels (Platt, 1999).
-struct MarginToChance {
+struct PlattScaling {
   double a = 1;
   double b = 0;
-  [[nodiscard]] double at(double margin) const;
+  [[nodiscard]] double probability(double margin) const;
 };
-[[nodiscard]] MarginToChance fit_chance(const std::vector<double>& margins,
-                                        const std::vector<int>& labels);
+[[nodiscard]] PlattScaling fit_platt_scaling(const std::vector<double>& margins,
+                                             const std::vector<int>& labels);
 
 }  // namespace tarsier::plate

@@ -44,12 +44,12 @@ void add_gradient(const std::vector<float>& delta, const std::vector<float>& in,
 // Each weight has its own step size, which grows while its gradient keeps its sign.
 struct Rprop {
   std::vector<float> steps;
-  std::vector<float> before;
+  std::vector<float> previous;
 
-  explicit Rprop(std::size_t count) : steps(count, 0.02F), before(count, 0.0F) {}
+  explicit Rprop(std::size_t count) : steps(count, 0.02F), previous(count, 0.0F) {}
   void update(std::vector<float>& weights, std::vector<float>& gradient) {
     for (std::size_t i = 0; i < weights.size(); ++i) {
-      const float product = gradient[i] * before[i];
+      const float product = gradient[i] * previous[i];
       if (product > 0) {
         steps[i] = std::min(steps[i] * 1.2F, 5.0F);
       } else if (product < 0) {
@@ -58,7 +58,7 @@ struct Rprop {
       }
       if (gradient[i] > 0) weights[i] -= steps[i];
       if (gradient[i] < 0) weights[i] += steps[i];
-      before[i] = gradient[i];
+      previous[i] = gradient[i];
     }
   }
 };
@@ -68,10 +68,10 @@ struct Rprop {
 std::vector<float> Mlp::run(const float* x) const {
   std::vector<float> in(static_cast<std::size_t>(inputs));
   for (std::size_t k = 0; k < in.size(); ++k) in[k] = (x[k] - mean[k]) / scale[k];
-  std::vector<float> middle;
+  std::vector<float> hidden_values;
   std::vector<float> out;
-  forward(in, 1, inputs, first, hidden, middle);
-  forward(middle, 1, hidden, second, outputs, out);
+  forward(in, 1, inputs, hidden_weights, hidden, hidden_values);
+  forward(hidden_values, 1, hidden, output_weights, outputs, out);
   return out;
 }
 
@@ -110,18 +110,18 @@ Mlp train_mlp(const cv::Mat& rows, const std::vector<int>& labels, int outputs,
     weights.resize(static_cast<std::size_t>(units) * static_cast<std::size_t>(fan + 1));
     for (float& w : weights) w = static_cast<float>(rng.normal(0, 0.7 / std::sqrt(fan)));
   };
-  fill(net.first, net.hidden, net.inputs);
-  fill(net.second, net.outputs, net.hidden);
-  Rprop first(net.first.size());
-  Rprop second(net.second.size());
-  std::vector<float> middle;
+  fill(net.hidden_weights, net.hidden, net.inputs);
+  fill(net.output_weights, net.outputs, net.hidden);
+  Rprop hidden_update(net.hidden_weights.size());
+  Rprop output_update(net.output_weights.size());
+  std::vector<float> hidden_values;
   std::vector<float> out;
   std::vector<float> delta_out;
-  std::vector<float> delta_middle;
+  std::vector<float> delta_hidden;
   for (int round = 0; round < options.iterations; ++round) {
     throw_if_stopped(stop);
-    forward(in, rows.rows, net.inputs, net.first, net.hidden, middle);
-    forward(middle, rows.rows, net.hidden, net.second, net.outputs, out);
+    forward(in, rows.rows, net.inputs, net.hidden_weights, net.hidden, hidden_values);
+    forward(hidden_values, rows.rows, net.hidden, net.output_weights, net.outputs, out);
     delta_out.resize(out.size());
     for (int r = 0; r < rows.rows; ++r) {
       for (int o = 0; o < outputs; ++o) {
@@ -131,24 +131,25 @@ Mlp train_mlp(const cv::Mat& rows, const std::vector<int>& labels, int outputs,
         delta_out[i] = (out[i] - target) * (1 - out[i] * out[i]);
       }
     }
-    delta_middle.assign(middle.size(), 0.0F);
+    delta_hidden.assign(hidden_values.size(), 0.0F);
     for (int r = 0; r < rows.rows; ++r) {
-      float* d = delta_middle.data() + static_cast<std::ptrdiff_t>(r) * net.hidden;
+      float* d = delta_hidden.data() + static_cast<std::ptrdiff_t>(r) * net.hidden;
       for (int o = 0; o < outputs; ++o) {
         const float up = delta_out[static_cast<std::size_t>(r) * static_cast<std::size_t>(outputs) +
                                    static_cast<std::size_t>(o)];
-        const float* w = net.second.data() + static_cast<std::ptrdiff_t>(o) * (net.hidden + 1);
+        const float* w =
+            net.output_weights.data() + static_cast<std::ptrdiff_t>(o) * (net.hidden + 1);
         for (int h = 0; h < net.hidden; ++h) d[h] += up * w[h];
       }
-      const float* m = middle.data() + static_cast<std::ptrdiff_t>(r) * net.hidden;
+      const float* m = hidden_values.data() + static_cast<std::ptrdiff_t>(r) * net.hidden;
       for (int h = 0; h < net.hidden; ++h) d[h] *= 1 - m[h] * m[h];
     }
-    std::vector<float> gradient_first(net.first.size(), 0.0F);
-    std::vector<float> gradient_second(net.second.size(), 0.0F);
-    add_gradient(delta_middle, in, rows.rows, net.inputs, net.hidden, gradient_first);
-    add_gradient(delta_out, middle, rows.rows, net.hidden, net.outputs, gradient_second);
-    first.update(net.first, gradient_first);
-    second.update(net.second, gradient_second);
+    std::vector<float> hidden_gradient(net.hidden_weights.size(), 0.0F);
+    std::vector<float> output_gradient(net.output_weights.size(), 0.0F);
+    add_gradient(delta_hidden, in, rows.rows, net.inputs, net.hidden, hidden_gradient);
+    add_gradient(delta_out, hidden_values, rows.rows, net.hidden, net.outputs, output_gradient);
+    hidden_update.update(net.hidden_weights, hidden_gradient);
+    output_update.update(net.output_weights, output_gradient);
   }
   return net;
 }

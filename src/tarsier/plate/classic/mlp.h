@@ -17,10 +17,10 @@ struct Mlp {
   int inputs = 0;
   int hidden = 0;
   int outputs = 0;
-  std::vector<float> mean;    // of the inputs; subtracted first
-  std::vector<float> scale;   // standard deviation of the inputs; the divisor
-  std::vector<float> first;   // hidden x (inputs + 1); the last column is the bias
-  std::vector<float> second;  // outputs x (hidden + 1)
+  std::vector<float> mean;            // of the inputs; subtracted first
+  std::vector<float> scale;           // standard deviation of the inputs; the divisor
+  std::vector<float> hidden_weights;  // hidden x (inputs + 1); the last column is the bias
+  std::vector<float> output_weights;  // outputs x (hidden + 1)
 
   [[nodiscard]] std::vector<float> run(const float* x) const;  // each -1..1
 };

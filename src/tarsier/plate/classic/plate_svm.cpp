@@ -38,9 +38,9 @@ std::vector<float> projected(const std::vector<float>& values, const std::vector
   return result;
 }
 
-cv::Mat rows_of(const PlateSet& set, const std::vector<int>& chosen, PlateFeatures features) {
+cv::Mat rows_of(const PlateSet& set, const std::vector<int>& indices, PlateFeatures features) {
   cv::Mat rows;
-  for (const int i : chosen) {
+  for (const int i : indices) {
     std::vector<float> values =
         plate_features(set.candidates[static_cast<std::size_t>(i)], features);
     rows.push_back(cv::Mat(values, true).reshape(1, 1));
@@ -48,13 +48,13 @@ cv::Mat rows_of(const PlateSet& set, const std::vector<int>& chosen, PlateFeatur
   return rows;
 }
 
-PlateSvm train_on(const PlateSet& set, const std::vector<int>& chosen,
+PlateSvm train_on(const PlateSet& set, const std::vector<int>& indices,
                   const PlateSvmOptions& options, const Rng& rng) {
   PlateSvm svm;
   svm.features = options.features;
-  cv::Mat rows = rows_of(set, chosen, options.features);
+  cv::Mat rows = rows_of(set, indices, options.features);
   std::vector<int> labels;
-  for (const int i : chosen) labels.push_back(set.labels[static_cast<std::size_t>(i)]);
+  for (const int i : indices) labels.push_back(set.labels[static_cast<std::size_t>(i)]);
   if (options.features == PlateFeatures::kPca) {
     const cv::PCA pca(rows, cv::Mat(), cv::PCA::DATA_AS_ROW,
                       std::min(options.components, rows.rows - 1));
@@ -62,11 +62,11 @@ PlateSvm train_on(const PlateSet& set, const std::vector<int>& chosen,
     svm.basis = pca.eigenvectors.clone();
     rows = pca.project(rows);
   }
-  svm.machine = train_linear_svm(rows, labels, options.cost, options.iterations, rng);
+  svm.model = train_linear_svm(rows, labels, options.cost, options.iterations, rng);
   return svm;
 }
 
-// Calls visit(index of the example, margin by a machine that was not trained on it).
+// Calls visit(index of the example, margin by an SVM that was not trained on it).
 template <typename Visit>
 void cross_validate(const PlateSet& set, const PlateSvmOptions& options, Rng rng,
                     const Visit& visit) {
@@ -76,10 +76,11 @@ void cross_validate(const PlateSet& set, const PlateSvmOptions& options, Rng rng
     std::swap(order[i - 1],
               order[static_cast<std::size_t>(rng.integer(0, static_cast<int>(i) - 1))]);
   for (int fold = 0; fold < kFolds; ++fold) {
-    std::vector<int> seen;
+    std::vector<int> train_indices;
     for (std::size_t i = 0; i < order.size(); ++i)
-      if (static_cast<int>(i) % kFolds != fold) seen.push_back(order[i]);
-    const PlateSvm svm = train_on(set, seen, options, rng.fork(static_cast<std::uint64_t>(fold)));
+      if (static_cast<int>(i) % kFolds != fold) train_indices.push_back(order[i]);
+    const PlateSvm svm =
+        train_on(set, train_indices, options, rng.fork(static_cast<std::uint64_t>(fold)));
     for (std::size_t i = 0; i < order.size(); ++i)
       if (static_cast<int>(i) % kFolds == fold)
         visit(order[i], svm.margin(set.candidates[static_cast<std::size_t>(order[i])]));
@@ -139,8 +140,8 @@ PlateSet read_plate_set(const std::string& path) {
 
 double PlateSvm::margin(const cv::Mat& candidate) const {
   const std::vector<float> values = plate_features(candidate, features);
-  if (features != PlateFeatures::kPca) return machine.margin(values.data());
-  return machine.margin(projected(values, mean, basis).data());
+  if (features != PlateFeatures::kPca) return model.margin(values.data());
+  return model.margin(projected(values, mean, basis).data());
 }
 
 PlateSvm train_plate_svm(const PlateSet& set, const PlateSvmOptions& options, Rng rng) {
@@ -155,7 +156,7 @@ PlateSvm train_plate_svm(const PlateSet& set, const PlateSvmOptions& options, Rn
   std::vector<int> all(set.candidates.size());
   std::iota(all.begin(), all.end(), 0);
   PlateSvm svm = train_on(set, all, options, rng.fork(2));
-  svm.chance = fit_chance(margins, labels);
+  svm.platt = fit_platt_scaling(margins, labels);
   return svm;
 }
 
@@ -185,16 +186,16 @@ void list_svm(linalg::ModelFields& file, PlateSvm& svm) {
     if (file.reads()) svm.basis = cv::Mat(basis, true).reshape(1, static_cast<int>(components));
     width = components;
   }
-  file.list<float>("weights", svm.machine.weights, width);
-  file.number("bias", svm.machine.bias, -1e9, 1e9);
-  std::array<double, 2> chance{svm.chance.a, svm.chance.b};
-  file.other("chance", chance, [](const nlohmann::json& object, const std::string& path) {
+  file.list<float>("weights", svm.model.weights, width);
+  file.number("bias", svm.model.bias, -1e9, 1e9);
+  std::array<double, 2> platt{svm.platt.a, svm.platt.b};
+  file.other("chance", platt, [](const nlohmann::json& object, const std::string& path) {
     const nlohmann::json& value = member(object, "chance", path);
     if (!value.is_array() || value.size() != 2 || !value[0].is_number() || !value[1].is_number())
       throw ModelError(path, "chance: two numbers are expected");
     return value.get<std::array<double, 2>>();
   });
-  svm.chance = {chance[0], chance[1]};
+  svm.platt = {platt[0], platt[1]};
 }
 
 }  // namespace

@@ -43,8 +43,8 @@ struct PlateSvm {
   PlateFeatures features = PlateFeatures::kPixels;
   std::vector<float> mean;  // for kPca
   cv::Mat basis;            // components x pixels, CV_32F, for kPca
-  LinearModel machine;
-  MarginToChance chance;
+  LinearModel model;
+  PlattScaling platt;
 
   [[nodiscard]] double margin(const cv::Mat& candidate) const;
 };

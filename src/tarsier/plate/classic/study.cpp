@@ -17,7 +17,7 @@ namespace tarsier::plate {
 
 void StudyOptions::check() const {
   check_fields(*this);
-  TARSIER_REQUIRE(!lows.empty() && !neurons.empty(), "nothing to study");
+  TARSIER_REQUIRE(!thumbnail_sizes.empty() && !neurons.empty(), "nothing to study");
 }
 
 double StudyCell::mean() const {
@@ -28,9 +28,9 @@ double StudyCell::mean() const {
 
 double StudyCell::deviation() const {
   if (errors.size() < 2) return 0;
-  const double middle = mean();
+  const double average = mean();
   double squares = 0;
-  for (const double error : errors) squares += (error - middle) * (error - middle);
+  for (const double error : errors) squares += (error - average) * (error - average);
   return std::sqrt(squares / static_cast<double>(errors.size() - 1));
 }
 
@@ -40,10 +40,10 @@ std::vector<StudyCell> study_reader(const CharacterSet& set, const StudyOptions&
   std::vector<StudyCell> cells;
   const bool has_neurons = options.kind == ReaderKind::kMlp;
   if (has_neurons) {
-    for (const int low : options.lows)
+    for (const int thumbnail_size : options.thumbnail_sizes)
       for (const int neurons : options.neurons)
-        cells.push_back(
-            {low, neurons, std::vector<double>(static_cast<std::size_t>(options.seeds), 0)});
+        cells.push_back({thumbnail_size, neurons,
+                         std::vector<double>(static_cast<std::size_t>(options.seeds), 0)});
   } else {
     cells.push_back({20, 0, std::vector<double>(static_cast<std::size_t>(options.seeds), 0)});
   }
@@ -65,7 +65,7 @@ std::vector<StudyCell> study_reader(const CharacterSet& set, const StudyOptions&
                 split_characters(set, options.train, base.fork(2 * number));
             CharacterReaderOptions reader_options;
             reader_options.kind = options.kind;
-            reader_options.low = cell.low;
+            reader_options.thumbnail_size = cell.thumbnail_size;
             reader_options.mlp.hidden = std::max(1, cell.neurons);
             reader_options.mlp.iterations = options.iterations;
             const CharacterReader reader = train_character_reader(set, split.train, reader_options,
@@ -89,8 +89,8 @@ std::vector<StudyCell> study_reader(const CharacterSet& set, const StudyOptions&
 std::string study_csv(const std::vector<StudyCell>& cells) {
   std::string text = "features,neurons,splits,error_mean,error_deviation\n";
   for (const StudyCell& cell : cells)
-    text += fmt::format("{},{},{},{:.5f},{:.5f}\n", cell.low, cell.neurons, cell.errors.size(),
-                        cell.mean(), cell.deviation());
+    text += fmt::format("{},{},{},{:.5f},{:.5f}\n", cell.thumbnail_size, cell.neurons,
+                        cell.errors.size(), cell.mean(), cell.deviation());
   return text;
 }
 

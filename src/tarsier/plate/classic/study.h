@@ -15,7 +15,7 @@ namespace tarsier::plate {
 // repeated random splits.
 struct StudyOptions {
   ReaderKind kind = ReaderKind::kMlp;
-  std::vector<int> lows{5, 10, 15, 20};  // the small image has low x low pixels
+  std::vector<int> thumbnail_sizes{5, 10, 15, 20};  // px, sides of the small image
   std::vector<int> neurons{10, 20, 30, 40, 60, 80, 100, 150, 200, 300, 400, 500};
   int seeds = 10;        // number of splits
   int train = 571;       // characters in the training set
@@ -23,7 +23,7 @@ struct StudyOptions {
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"lows", lows, range(1, 20), "--features", "px, sides of the input image"},
+    return {{"lows", thumbnail_sizes, range(1, 20), "--features", "px, sides of the input image"},
             {"neurons", neurons, range(1, 1000), "--neurons", "numbers of hidden neurons"},
             {"seeds", seeds, range(1, 1000), "--splits,--seeds", "random splits for each setting"},
             {"train", train, at_least(30), "--train",
@@ -34,7 +34,7 @@ struct StudyOptions {
 };
 
 struct StudyCell {
-  int low = 0;
+  int thumbnail_size = 0;
   int neurons = 0;             // 0: a reader without hidden neurons
   std::vector<double> errors;  // of each split, 0..1
   [[nodiscard]] double mean() const;

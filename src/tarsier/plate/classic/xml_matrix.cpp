@@ -85,11 +85,11 @@ class Scanner {
   std::ptrdiff_t at_ = 0;
 };
 
-int take_size(Scanner& scanner, const char* element, int most) {
+int take_size(Scanner& scanner, const char* element, int max_size) {
   scanner.need(fmt::format("<{}>", element));
   const int size = scanner.take_number<int>("a whole number");
-  if (size < 1 || size > most)
-    scanner.fail(fmt::format("{} of {}: 1 to {} are allowed", size, element, most));
+  if (size < 1 || size > max_size)
+    scanner.fail(fmt::format("{} of {}: 1 to {} are allowed", size, element, max_size));
   scanner.need(fmt::format("</{}>", element));
   return size;
 }

@@ -18,13 +18,13 @@ namespace tarsier::plate {
 //    w0 + w1 x + w2 max(0, x - 2) + w3 max(0, -1 - x)
 // It is fitted to the plates of whole images (Platt, 1999, with bends), because the logistic
 // regression on synthetic views is underconfident in the middle range.
-struct OddsCurve {
+struct CalibrationCurve {
   std::array<double, 4> weights{0, 1, 0, 0};
   [[nodiscard]] static std::array<double, 4> features(double odds);
   [[nodiscard]] double operator()(double odds) const;
 };
 
-// Features of a find, in the order of the weights of PlateJudge:
+// Features of a detection, in the order of the weights of PlateClassifier:
 //    0 1
 //    1 log_odds() of the aligner's score
 //    2 ln(p / (1 - p)) of the detector's best cell, p limited to 1e-3 .. 1 - 1e-3
@@ -34,30 +34,32 @@ struct OddsCurve {
 //    6 1 if the text has no digit
 //    7 1 if it fits a country's layout
 //    8 share of different symbols among the characters: grilles and lamps repeat one symbol
-//    9 nats by which another find of the image is more certainly a plate, 0..8
-using FindFeatures = std::array<double, 10>;
+//    9 nats by which another detection of the image is more certainly a plate, 0..8
+using PlateClassifierFeatures = std::array<double, 10>;
 
-// Probability that a find is a plate, by logistic regression on FindFeatures.
-struct PlateJudge {
+// Probability that a detection is a plate, by logistic regression on PlateClassifierFeatures.
+struct PlateClassifier {
   // Used if the model file has no weights.
-  FindFeatures weights{-7.14, 0.28, 0.40, 1.65, -2.50, 0.34, -2.50, 1.35, 1.68, -0.83};
-  [[nodiscard]] double odds(const FindFeatures& features) const;
+  PlateClassifierFeatures weights{-7.14, 0.28, 0.40, 1.65, -2.50, 0.34, -2.50, 1.35, 1.68, -0.83};
+  [[nodiscard]] double log_odds(const PlateClassifierFeatures& features) const;
 };
 
-// The text found at a region; `confidences` as in Decoded.
-struct Lettering {
+// The text found at a region; `confidences` as in DecodedText.
+struct RegionText {
   std::string text;
   std::vector<double> confidences;
   std::string country;
 };
 
-// The last feature is 0 because the other finds are not known yet.
-[[nodiscard]] FindFeatures find_features(const Detection& detection, const Alignment& alignment,
-                                         const Lettering& lettering);
+// The last feature is 0 because the other detections are not known yet.
+[[nodiscard]] PlateClassifierFeatures plate_classifier_features(const Detection& detection,
+                                                                const Alignment& alignment,
+                                                                const RegionText& text);
 
-// Sets the last feature of each find from ln(confidence) + log_odds(plate) of the readings. Here
-// `plate` still is the aligner's score. Overlapping finds (box_overlap_of_smaller() of 0.3) are
-// ignored because they compete for one plate. Both vectors have the same size.
-void compare(const std::vector<Reading>& readings, std::vector<FindFeatures>& features);
+// Sets the last feature of each detection from ln(confidence) + log_odds(plate) of the readings.
+// Here `plate` still is the aligner's score. Overlapping detections (box_overlap_of_smaller() of
+// 0.3) are ignored because they compete for one plate. Both vectors have the same size.
+void set_relative_evidence(const std::vector<Reading>& readings,
+                           std::vector<PlateClassifierFeatures>& features);
 
 }  // namespace tarsier::plate

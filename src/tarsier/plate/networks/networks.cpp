@@ -17,8 +17,8 @@ namespace {
 struct Cluster {
   Quad sum{};
   float weight = 0;
-  float best = 0;
-  Quad top{};
+  float best_score = 0;
+  Quad best_corners{};
   [[nodiscard]] Quad mean() const {
     Quad quad;
     for (std::size_t i = 0; i < 4; ++i) quad[i] = sum[i] * (1 / weight);
@@ -32,11 +32,11 @@ struct Hint {
   float score;     // log odds
 };
 
-// Searches `part` of the image, resized to `size`. Cells of at least `least` log odds that are not
+// Searches `part` of the image, resized to `size`. Cells of at least `min_logit` that are not
 // detections become hints.
 void detect_level(const cv::Mat& gray, const cv::Rect& part, cv::Size size,
                   const linalg::Network& network, const DetectorOptions& options,
-                  linalg::Workspace& workspace, std::vector<Detection>& found,
+                  linalg::Workspace& workspace, std::vector<Detection>& detections,
                   std::vector<Hint>* hints = nullptr) {
   cv::Mat level;
   cv::resize(gray(part), level, size, 0, 0, cv::INTER_AREA);
@@ -53,17 +53,17 @@ void detect_level(const cv::Mat& gray, const cv::Rect& part, cv::Size size,
   const linalg::Shape map = workspace.shapes.back();
   const std::size_t plane =
       static_cast<std::size_t>(map.height) * static_cast<std::size_t>(map.width);
-  const float least = std::log(options.threshold / (1 - options.threshold));
+  const float min_logit = std::log(options.threshold / (1 - options.threshold));
   const float min_hint = std::log(options.hint / (1 - options.hint));
   for (int y = 0; y < map.height; ++y) {
     for (int x = 0; x < map.width; ++x) {
       const std::size_t at = static_cast<std::size_t>(y) * static_cast<std::size_t>(map.width) +
                              static_cast<std::size_t>(x);
-      const cv::Point2f centre((static_cast<float>(x) + 0.5F) * kCell - 0.5F,
-                               (static_cast<float>(y) + 0.5F) * kCell - 0.5F);
+      const cv::Point2f centre((static_cast<float>(x) + 0.5F) * kCellSize - 0.5F,
+                               (static_cast<float>(y) + 0.5F) * kCellSize - 0.5F);
       if (hints != nullptr && output[at] >= min_hint)
         hints->push_back({in_image(centre), output[at]});
-      if (output[at] < least) continue;
+      if (output[at] < min_logit) continue;
       Detection detection;
       detection.score = logistic(output[at]);
       for (std::size_t i = 0; i < 4; ++i) {
@@ -71,7 +71,7 @@ void detect_level(const cv::Mat& gray, const cv::Rect& part, cv::Size size,
                                                              output[plane * (2 + 2 * i) + at]) *
                                                      kCornerUnit);
       }
-      if (is_convex(detection.corners, 40)) found.push_back(detection);
+      if (is_convex(detection.corners, 40)) detections.push_back(detection);
     }
   }
 }
@@ -80,37 +80,37 @@ void detect_level(const cv::Mat& gray, const cv::Rect& part, cv::Size size,
 // detection of at least `min_width` px is ignored.
 void search_tiles(const cv::Mat& gray, std::vector<Hint> hints, const linalg::Network& network,
                   const DetectorOptions& options, linalg::Workspace& workspace, float min_width,
-                  std::vector<Detection>& found) {
-  constexpr int kAcross = 24;  // cells of a tile: the network's receptive field
-  constexpr int kDown = 14;
-  const double scale = std::min(1.0, static_cast<double>(kPlateLow) / options.small_plate);
-  const cv::Size size(static_cast<int>(std::lround(kAcross * kCell / scale)),
-                      static_cast<int>(std::lround(kDown * kCell / scale)));
+                  std::vector<Detection>& detections) {
+  constexpr int kTileColumns = 24;  // cells of a tile: the network's receptive field
+  constexpr int kTileRows = 14;
+  const double scale = std::min(1.0, static_cast<double>(kMinPlateWidth) / options.small_plate);
+  const cv::Size size(static_cast<int>(std::lround(kTileColumns * kCellSize / scale)),
+                      static_cast<int>(std::lround(kTileRows * kCellSize / scale)));
   if (size.width > gray.cols || size.height > gray.rows) return;
   std::stable_sort(hints.begin(), hints.end(),
                    [](const Hint& a, const Hint& b) { return a.score > b.score; });
   std::vector<cv::Rect> tiles;
-  const std::size_t known = found.size();
+  const std::size_t known = detections.size();
   for (const Hint& hint : hints) {
     const bool explained =
-        std::any_of(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(known),
+        std::any_of(detections.begin(), detections.begin() + static_cast<std::ptrdiff_t>(known),
                     [&](const Detection& plate) {
                       return mean_width(plate.corners) >= min_width &&
                              cv::Rect2f(plate.corners[0], plate.corners[2]).contains(hint.at);
                     });
     if (explained) continue;
-    const bool seen = std::any_of(tiles.begin(), tiles.end(), [&](const cv::Rect& tile) {
-      const auto middle = cv::Point2f(tile.tl() + tile.br()) * 0.5F;
-      return std::abs(hint.at.x - middle.x) < 0.25F * static_cast<float>(tile.width) &&
-             std::abs(hint.at.y - middle.y) < 0.25F * static_cast<float>(tile.height);
+    const bool is_covered = std::any_of(tiles.begin(), tiles.end(), [&](const cv::Rect& tile) {
+      const auto center = cv::Point2f(tile.tl() + tile.br()) * 0.5F;
+      return std::abs(hint.at.x - center.x) < 0.25F * static_cast<float>(tile.width) &&
+             std::abs(hint.at.y - center.y) < 0.25F * static_cast<float>(tile.height);
     });
-    if (seen) continue;
+    if (is_covered) continue;
     if (static_cast<int>(tiles.size()) >= options.max_tiles) break;
     tiles.emplace_back(std::clamp(cvRound(hint.at.x) - size.width / 2, 0, gray.cols - size.width),
                        std::clamp(cvRound(hint.at.y) - size.height / 2, 0, gray.rows - size.height),
                        size.width, size.height);
-    detect_level(gray, tiles.back(), {kAcross * kCell, kDown * kCell}, network, options, workspace,
-                 found);
+    detect_level(gray, tiles.back(), {kTileColumns * kCellSize, kTileRows * kCellSize}, network,
+                 options, workspace, detections);
   }
 }
 
@@ -153,54 +153,54 @@ cv::Mat local_contrast(const cv::Mat& gray) {
 
 std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& network,
                               const DetectorOptions& options, linalg::Workspace& workspace,
-                              const cv::Rect& where) {
+                              const cv::Rect& region) {
   options.check();
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "an image of type {}", gray.type());
   const cv::Rect whole(0, 0, gray.cols, gray.rows);
-  const cv::Rect part = where.empty() ? whole : where & whole;
+  const cv::Rect part = region.empty() ? whole : region & whole;
   if (part.empty()) return {};
   const double pixels = static_cast<double>(gray.cols) * gray.rows;
   const double finest = std::min(1.0, std::sqrt(options.max_pixels / pixels));
-  const bool misses_small = options.small_plate * finest < static_cast<double>(kPlateLow);
-  std::vector<Detection> found;
+  const bool misses_small = options.small_plate * finest < static_cast<double>(kMinPlateWidth);
+  std::vector<Detection> detections;
   std::vector<Hint> hints;
   for (double scale = finest;; scale /= 2) {
     // With whole cells, the network's padding hides nothing.
-    const int width = static_cast<int>(std::lround(part.width * scale)) / kCell * kCell;
-    const int height = static_cast<int>(std::lround(part.height * scale)) / kCell * kCell;
-    const cv::Size size(std::max(width, 4 * kCell), std::max(height, 2 * kCell));
-    detect_level(gray, part, size, network, options, workspace, found,
+    const int width = static_cast<int>(std::lround(part.width * scale)) / kCellSize * kCellSize;
+    const int height = static_cast<int>(std::lround(part.height * scale)) / kCellSize * kCellSize;
+    const cv::Size size(std::max(width, 4 * kCellSize), std::max(height, 2 * kCellSize));
+    detect_level(gray, part, size, network, options, workspace, detections,
                  misses_small && scale == finest ? &hints : nullptr);
     if (size.width / 2 < 64 || size.height / 2 < 24) break;
   }
   if (misses_small) {
-    const auto min_width = static_cast<float>(kPlateLow / finest);
-    search_tiles(gray, std::move(hints), network, options, workspace, min_width, found);
+    const auto min_width = static_cast<float>(kMinPlateWidth / finest);
+    search_tiles(gray, std::move(hints), network, options, workspace, min_width, detections);
   }
-  std::stable_sort(found.begin(), found.end(),
+  std::stable_sort(detections.begin(), detections.end(),
                    [](const Detection& a, const Detection& b) { return a.score > b.score; });
   std::vector<Cluster> clusters;
-  for (const Detection& detection : found) {
-    Cluster* home = nullptr;
+  for (const Detection& detection : detections) {
+    Cluster* match = nullptr;
     for (Cluster& cluster : clusters) {
-      if (box_iou(cluster.top, detection.corners) > options.overlap) {
-        home = &cluster;
+      if (box_iou(cluster.best_corners, detection.corners) > options.overlap) {
+        match = &cluster;
         break;
       }
     }
-    if (home == nullptr) {
-      if (static_cast<int>(clusters.size()) >= options.most) continue;
+    if (match == nullptr) {
+      if (static_cast<int>(clusters.size()) >= options.max_detections) continue;
       clusters.push_back({});
-      home = &clusters.back();
-      home->best = detection.score;
-      home->top = detection.corners;
+      match = &clusters.back();
+      match->best_score = detection.score;
+      match->best_corners = detection.corners;
     }
     const float weight = detection.score * detection.score * detection.score;
-    for (std::size_t i = 0; i < 4; ++i) home->sum[i] += detection.corners[i] * weight;
-    home->weight += weight;
+    for (std::size_t i = 0; i < 4; ++i) match->sum[i] += detection.corners[i] * weight;
+    match->weight += weight;
   }
   std::vector<Detection> result;
-  for (const Cluster& cluster : clusters) result.push_back({cluster.mean(), cluster.best});
+  for (const Cluster& cluster : clusters) result.push_back({cluster.mean(), cluster.best_score});
   return result;
 }
 
@@ -234,18 +234,18 @@ void normalize(const cv::Mat& gray, std::vector<float>& values) {
 
 Alignment align(const cv::Mat& gray, const Quad& corners, const linalg::Network& network,
                 linalg::Workspace& workspace) {
-  const Quad home = aligner_quad();
-  const cv::Mat window = sample(gray, corners, home, {kAlignWidth, kAlignHeight});
+  const Quad canonical = aligner_quad();
+  const cv::Mat window = sample(gray, corners, canonical, {kAlignWidth, kAlignHeight});
   std::vector<float> input;
   normalize(window, input);
   const std::vector<float>& out =
       linalg::run(network, input.data(), {1, kAlignHeight, kAlignWidth}, workspace);
-  const cv::Matx33d image_from_window = map_between(home, corners);
+  const cv::Matx33d image_from_window = map_between(canonical, corners);
   Alignment result;
   for (std::size_t i = 0; i < 4; ++i) {
     const auto moved = [&](std::size_t at) {
-      return transformed(image_from_window,
-                         home[i] + cv::Point2f(out[at] * kCornerUnit, out[at + 1] * kCornerUnit));
+      return transformed(image_from_window, canonical[i] + cv::Point2f(out[at] * kCornerUnit,
+                                                                       out[at + 1] * kCornerUnit));
     };
     result.plate[i] = moved(2 * i);
     result.text[i] = moved(8 + 2 * i);

@@ -15,15 +15,15 @@ namespace tarsier::plate {
 
 // --- detection ---
 
-// A fully convolutional network, applied to an image pyramid. Each cell of kCell px predicts
-// whether it lies in a plate that is about kPlateLow..kPlateHigh px wide at this level. It also
-// predicts the corners relative to its centre, in units of kCornerUnit px (after Silva and Jung,
-// "License plate detection and recognition in unconstrained scenarios", ECCV 2018, who predict an
-// affine map).
-inline constexpr int kCell = 8;
+// A fully convolutional network, applied to an image pyramid. Each cell of kCellSize px predicts
+// whether it lies in a plate that is about kMinPlateWidth..kMaxPlateWidth px wide at this level. It
+// also predicts the corners relative to its centre, in units of kCornerUnit px (after Silva and
+// Jung, "License plate detection and recognition in unconstrained scenarios", ECCV 2018, who
+// predict an affine map).
+inline constexpr int kCellSize = 8;
 inline constexpr float kCornerUnit = 32;
-inline constexpr float kPlateLow = 26;
-inline constexpr float kPlateHigh = 84;
+inline constexpr float kMinPlateWidth = 26;
+inline constexpr float kMaxPlateWidth = 84;
 
 struct Detection {
   Quad corners{};
@@ -34,10 +34,11 @@ struct DetectorOptions {
   float threshold = 0.6F;
   double max_pixels = 0.6e6;  // of the finest level; larger images are reduced to this size
   float overlap = 0.3F;       // maximum overlap of the boxes of different plates
-  int most = 120;             // maximum number of plates in one image
+  int max_detections = 120;   // maximum number of plates in one image
   // Second search for small plates. It is used if the finest level shows a plate of `small_plate`
-  // px narrower than kPlateLow. Regions whose cells reach `hint`, and that hold no sufficiently
-  // wide plate, are searched once more at a larger scale: at most the best `max_tiles` of them.
+  // px narrower than kMinPlateWidth. Regions whose cells reach `hint`, and that hold no
+  // sufficiently wide plate, are searched once more at a larger scale: at most the best `max_tiles`
+  // of them.
   double small_plate = 56;
   float hint = 0.1F;
   int max_tiles = 32;
@@ -49,8 +50,8 @@ struct DetectorOptions {
             {"max_pixels", max_pixels, range(1e4, 1e8), "--find-pixels",
              "reduce larger images to this many pixels; higher: finds smaller plates, slower"},
             {"overlap", overlap, inside(0, 1)},
-            {"most", most, range(1, 10000)},
-            {"small_plate", small_plate, range(kPlateLow, 10000)},
+            {"most", max_detections, range(1, 10000)},
+            {"small_plate", small_plate, range(kMinPlateWidth, 10000)},
             {"hint", hint, inside(0, 1)},
             {"max_tiles", max_tiles, range(0, 10000)}};
   }
@@ -63,12 +64,12 @@ struct DetectorOptions {
 // similar. CV_8UC1 -> CV_32FC1.
 [[nodiscard]] cv::Mat local_contrast(const cv::Mat& gray);
 
-// Highest score first; overlapping detections are merged. `where` is the region to search, at the
+// Highest score first; overlapping detections are merged. `region` is the part to search, at the
 // same scale as a search of the whole image; an empty rectangle means the whole image.
 [[nodiscard]] std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& network,
                                             const DetectorOptions& options,
                                             linalg::Workspace& workspace,
-                                            const cv::Rect& where = {});
+                                            const cv::Rect& region = {});
 
 // --- alignment ---
 
@@ -92,23 +93,23 @@ struct Alignment {
 // --- line reader ---
 
 // The input canvas of the line reader. The characters extend from column kLineMargin to width -
-// kLineMargin and from row kLineTop to kLineBottom. One row of a two-row plate takes kHalfWidth
+// kLineMargin and from row kLineTop to kLineBottom. One row of a two-row plate takes kHalfLineWidth
 // columns.
 inline constexpr int kLineHeight = 32;
 inline constexpr int kLineWidth = 176;
-inline constexpr int kHalfWidth = 96;
+inline constexpr int kHalfLineWidth = 96;
 inline constexpr int kLineMargin = 14;
 inline constexpr int kLineTop = 6;
 inline constexpr int kLineBottom = 26;
-inline constexpr int kColumn = 4;  // px of the canvas per output column
+inline constexpr int kColumnStride = 4;  // px of the canvas per output column
 [[nodiscard]] linalg::Network line_network();
 [[nodiscard]] Quad line_quad(int width);
 
 // Normalises to zero mean and unit deviation: the input of the aligner and the line reader.
 void normalize(const cv::Mat& gray, std::vector<float>& values);
 
-// Class probabilities, width / kColumn rows x kClasses, CV_32F. `features` may be null; it receives
-// the input of the last layer, one row per column, CV_32F.
+// Class probabilities, width / kColumnStride rows x kClasses, CV_32F. `features` may be null; it
+// receives the input of the last layer, one row per column, CV_32F.
 [[nodiscard]] cv::Mat read_line(const cv::Mat& gray, const Quad& text, int width,
                                 const linalg::Network& network, linalg::Workspace& workspace,
                                 cv::Mat* features = nullptr);

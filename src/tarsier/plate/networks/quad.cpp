@@ -71,14 +71,14 @@ float mean_height(const Quad& quad) {
   return static_cast<float>(cv::norm(quad[3] - quad[0]) + cv::norm(quad[2] - quad[1])) / 2;
 }
 
-bool is_convex(const Quad& quad, float least) {
+bool is_convex(const Quad& quad, float min_area) {
   for (std::size_t i = 0; i < 4; ++i) {
     if (!std::isfinite(quad[i].x) || !std::isfinite(quad[i].y)) return false;
     const cv::Point2f a = quad[(i + 1) % 4] - quad[i];
     const cv::Point2f b = quad[(i + 2) % 4] - quad[(i + 1) % 4];
     if (a.cross(b) <= 0) return false;
   }
-  return area(quad) >= least;
+  return area(quad) >= min_area;
 }
 
 Quad grow(const Quad& quad, float along, float across) {

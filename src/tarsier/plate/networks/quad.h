@@ -23,8 +23,9 @@ namespace tarsier::plate {
 [[nodiscard]] float mean_width(const Quad& quad);
 [[nodiscard]] float mean_height(const Quad& quad);
 
-// Returns whether the quad is convex, clockwise and finite, with an area of at least `least` px^2.
-[[nodiscard]] bool is_convex(const Quad& quad, float least);
+// Returns whether the quad is convex, clockwise and finite, with an area of at least `min_area`
+// px^2.
+[[nodiscard]] bool is_convex(const Quad& quad, float min_area);
 
 // Scales the quad about its centre by these factors along its own axes (bilinear).
 [[nodiscard]] Quad grow(const Quad& quad, float along, float across);

@@ -13,10 +13,10 @@ namespace {
 const Quad kSlanted{cv::Point2f{30, 20}, cv::Point2f{130, 35}, cv::Point2f{126, 70},
                     cv::Point2f{33, 48}};
 
-TEST(Quad, MapsTakeCornersToCorners) {
+TEST(Quad, MapBetweenMapsCornersToCorners) {
   const Quad box = quad_of({0, 0, 60, 20});
-  const Quad there = transformed(map_between(kSlanted, box), kSlanted);
-  for (std::size_t i = 0; i < 4; ++i) EXPECT_LT(cv::norm(there[i] - box[i]), 1e-3);
+  const Quad mapped = transformed(map_between(kSlanted, box), kSlanted);
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_LT(cv::norm(mapped[i] - box[i]), 1e-3);
 }
 
 TEST(Quad, DegenerateQuadsGiveTheIdentityAndAreNotConvex) {
@@ -76,7 +76,7 @@ cv::Mat image_with_plate(double scale) {
 class Sample : public testing::TestWithParam<double> {};
 INSTANTIATE_TEST_SUITE_P(Scales, Sample, testing::Values(1.0, 1.7, 4.0, 9.0));
 
-TEST_P(Sample, StraightensAPlateOfAnySize) {
+TEST_P(Sample, RectifiesAPlateOfAnySize) {
   const double scale = GetParam();
   Quad quad = kSlanted;
   for (cv::Point2f& p : quad) p *= scale;
@@ -90,7 +90,7 @@ TEST_P(Sample, StraightensAPlateOfAnySize) {
   }
 }
 
-TEST(Sample, QuadsOutsideTheImageGiveACanvasAllTheSame) {
+TEST(Sample, ReturnsACanvasForQuadsOutsideTheImage) {
   const cv::Mat image = image_with_plate(1);
   for (const cv::Rect2f box : {cv::Rect2f{-500, -500, 60, 20}, cv::Rect2f{150, 90, 60, 20},
                                cv::Rect2f{-1e6F, 0, 2e6F, 20}}) {

@@ -36,9 +36,9 @@ struct DetectorModel {
 struct ReaderModel {
   linalg::Network line;
   Calibration calibration;
-  OddsCurve confidence;  // corrects the result of `calibration`
-  OddsCurve character;   // corrects the decoder's confidence of a character
-  PlateJudge judge;
+  CalibrationCurve confidence_curve;  // corrects the result of `calibration`
+  CalibrationCurve character_curve;   // corrects the decoder's confidence of a character
+  PlateClassifier plate_classifier;
 };
 
 // Read and write models/plate-detector.json and models/plate-reader.json. Throw ModelError,
@@ -53,8 +53,8 @@ void write_reader_model(const std::string& path, const ReaderModel& model,
 struct RecognizerOptions {
   DetectorOptions detector;
   float min_plate = 0.9F;  // minimum score of the aligner for a plate
-  // Minimum logit of the probability that a find is a plate (PlateJudge); weaker finds are not
-  // reported.
+  // Minimum logit of the probability that a detection is a plate (PlateClassifier); weaker ones are
+  // not reported.
   double min_evidence = -2;
   int refinements = 2;  // passes of the aligner
   // Uses OpenCV's threads for plates and large maps; does not change the result.
@@ -82,14 +82,16 @@ struct TextCrop {
 [[nodiscard]] CalibrationFeatures calibration_features(double posterior, double min_character,
                                                        double plate_score, double height_px);
 
-// A find and its text before the judgement. PlateJudge and the curves are fitted to it.
-struct SeenPlate {
-  Reading reading;        // its `plate` is the aligner's score
-  FindFeatures features;  // all of them
-  // Log odds that the text is correct, before the correction by ReaderModel::confidence.
-  double odds = 0;
-  double penalty = 0;  // subtracted from the corrected odds: nats against a text without a digit
-  std::vector<double> character_odds;  // before the correction by ReaderModel::character
+// A detection and its text before they are classified and calibrated. PlateClassifier and the
+// curves are fitted to it.
+struct UncalibratedReading {
+  Reading reading;                   // its `plate` is the aligner's score
+  PlateClassifierFeatures features;  // all of them
+  // Log odds that the text is correct, before the correction by ReaderModel::confidence_curve.
+  double log_odds = 0;
+  // Nats against a text without a digit: subtracted from the corrected log odds.
+  double penalty = 0;
+  std::vector<double> character_log_odds;  // before the correction by ReaderModel::character_curve
 };
 
 // Reads the plates of an image with the three networks. Const: any number of threads may use it.
@@ -100,14 +102,14 @@ class Recognizer {
 
   // `image` is CV_8UC3 or CV_8UC1. Highest confidence first. `debug` and `timers` (find, align,
   // read) may be null. With `once`, uncertain plates are not read a second time; use it for videos,
-  // where the next frame shows them again. `where` is the region to search; an empty rectangle
+  // where the next frame shows them again. `region` is the part to search; an empty rectangle
   // means the whole image.
   [[nodiscard]] std::vector<Reading> read(const cv::Mat& image, DebugSink* debug = nullptr,
                                           Timers* timers = nullptr, bool once = false,
-                                          const cv::Rect& where = {}) const;
+                                          const cv::Rect& region = {}) const;
 
-  // All finds of an image in no particular order, plates or not.
-  [[nodiscard]] std::vector<SeenPlate> see(const cv::Mat& image) const;
+  // All detections of an image in no particular order, plates or not.
+  [[nodiscard]] std::vector<UncalibratedReading> read_uncalibrated(const cv::Mat& image) const;
 
   // Reads the plate at known corners (a crop or a labelled plate). `features` may be null; it
   // receives the features of the confidence.
@@ -118,33 +120,35 @@ class Recognizer {
   // the network reads another text. The best alignment of `text` with the network's output gives
   // the centres of the characters, and the boxes divide the line accordingly. Returns nothing for a
   // plate of two rows or if the text does not fit.
-  [[nodiscard]] std::optional<TextCrop> cut_text(const cv::Mat& image, const Quad& corners,
-                                                 const std::string& text) const;
+  [[nodiscard]] std::optional<TextCrop> crop_text(const cv::Mat& image, const Quad& corners,
+                                                  const std::string& text) const;
 
   [[nodiscard]] const ReaderModel& reader_model() const { return reader_; }
 
  private:
-  struct Find {
+  struct AlignedDetection {
     Alignment alignment;
     float score;
     Detection detection;
   };
-  [[nodiscard]] std::vector<Find> find(const cv::Mat& gray, DebugSink* debug, Timers* timers,
-                                       const cv::Rect& where) const;
-  [[nodiscard]] std::vector<SeenPlate> see_all(const cv::Mat& gray, DebugSink* debug,
-                                               Timers* timers, bool once,
-                                               const cv::Rect& where) const;
-  [[nodiscard]] SeenPlate read_text(const cv::Mat& gray, const Find& find,
-                                    linalg::Workspace& workspace, bool once,
-                                    CalibrationFeatures* features = nullptr) const;
+  [[nodiscard]] std::vector<AlignedDetection> detect_and_align(const cv::Mat& gray,
+                                                               DebugSink* debug, Timers* timers,
+                                                               const cv::Rect& region) const;
+  [[nodiscard]] std::vector<UncalibratedReading> read_all(const cv::Mat& gray, DebugSink* debug,
+                                                          Timers* timers, bool once,
+                                                          const cv::Rect& region) const;
+  [[nodiscard]] UncalibratedReading read_text(const cv::Mat& gray,
+                                              const AlignedDetection& detection,
+                                              linalg::Workspace& workspace, bool once,
+                                              CalibrationFeatures* features = nullptr) const;
 
   [[nodiscard]] Alignment align_at(const cv::Mat& gray, const Quad& corners) const;
 
   DetectorModel detector_;
   ReaderModel reader_;
-  std::array<Decoder, 4> decoders_;  // by PlateForm, for plates of one row
-  Decoder decoder_;                  // for plates of two rows
-  std::optional<Decoder> any_text_;  // set if only the countries' layouts are allowed
+  std::array<Decoder, 4> decoders_;           // by AspectRange, for plates of one row
+  Decoder two_row_decoder_;                   // for plates of two rows
+  std::optional<Decoder> free_text_decoder_;  // set if only the countries' layouts are allowed
   RecognizerOptions options_;
 };
 

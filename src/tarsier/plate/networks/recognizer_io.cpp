@@ -15,23 +15,23 @@ void list_network(linalg::ModelFields& file, const char* name, linalg::Network& 
                   linalg::Shape input, linalg::Shape output) {
   file.network(name, network);
   if (!file.reads()) return;
-  linalg::Shape found;
+  linalg::Shape actual;
   try {
-    found = network.output(input);
+    actual = network.output(input);
   } catch (const std::exception& error) {
     file.require(false, "{}: {}", name, error.what());
   }
-  file.require(found == output && network.cost(input) <= 2e9, "{}: is no network for this", name);
+  file.require(actual == output && network.cost(input) <= 2e9, "{}: is no network for this", name);
 }
 
 void list_detector(linalg::ModelFields& file, DetectorModel& model) {
-  list_network(file, "detector", model.detector, {1, 10 * kCell, 20 * kCell}, {9, 10, 20});
+  list_network(file, "detector", model.detector, {1, 10 * kCellSize, 20 * kCellSize}, {9, 10, 20});
   list_network(file, "aligner", model.aligner, {1, kAlignHeight, kAlignWidth}, {18, 1, 1});
 }
 
 void list_reader(linalg::ModelFields& file, ReaderModel& model) {
   list_network(file, "line", model.line, {1, kLineHeight, kLineWidth},
-               {kClasses, 1, kLineWidth / kColumn});
+               {kClasses, 1, kLineWidth / kColumnStride});
   std::span weights(model.calibration.weights);
   auto features = weights.first(5);
   auto logits = weights.subspan(5);
@@ -42,9 +42,9 @@ void list_reader(linalg::ModelFields& file, ReaderModel& model) {
       file.list<double>(name, numbers, static_cast<std::int64_t>(numbers.size()));
   };
   newer("calibration_logits", logits);
-  newer("confidence_curve", model.confidence.weights);
-  newer("character_curve", model.character.weights);
-  newer("judge", model.judge.weights);
+  newer("confidence_curve", model.confidence_curve.weights);
+  newer("character_curve", model.character_curve.weights);
+  newer("judge", model.plate_classifier.weights);
 }
 
 }  // namespace

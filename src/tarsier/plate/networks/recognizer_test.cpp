@@ -34,13 +34,13 @@ const Recognizer& recognizer() {
   return shared;
 }
 
-struct Put {
+struct DrawnPlate {
   std::string text;
   cv::Rect box;
 };
 
 // Plates in their standard style on a grey wall.
-class Images : public testing::Test {
+class RecognizerTest : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     try {
@@ -52,11 +52,13 @@ class Images : public testing::Test {
     if (glyphs_ == nullptr) GTEST_SKIP() << "no typefaces to draw plates with";
   }
 
-  static cv::Mat wall(cv::Size size) { return cv::Mat(size, CV_8UC3, cv::Scalar(90, 95, 100)); }
+  static cv::Mat gray_wall(cv::Size size) {
+    return cv::Mat(size, CV_8UC3, cv::Scalar(90, 95, 100));
+  }
 
   // Draws a Spanish plate `width` px wide with its corner at `at`.
-  static Put put(cv::Mat& image, const std::string& text, cv::Point at, int width,
-                 synth::PlateKind kind = synth::PlateKind::kSpain) {
+  static DrawnPlate draw_plate(cv::Mat& image, const std::string& text, cv::Point at, int width,
+                               synth::PlateKind kind = synth::PlateKind::kSpain) {
     synth::PlateFaceOptions options;
     options.kind = kind;
     options.text = text;
@@ -74,12 +76,12 @@ class Images : public testing::Test {
 
   static std::shared_ptr<const synth::GlyphSet> glyphs_;
 };
-std::shared_ptr<const synth::GlyphSet> Images::glyphs_;
+std::shared_ptr<const synth::GlyphSet> RecognizerTest::glyphs_;
 
-TEST_F(Images, PlatesFromSmallToLargeAreRead) {
+TEST_F(RecognizerTest, ReadsSmallAndLargePlates) {
   for (const int width : {80, 130, 220, 400}) {
-    cv::Mat image = wall({640, 480});
-    const Put plate = put(image, "4725BKZ", {120, 200}, width);
+    cv::Mat image = gray_wall({640, 480});
+    const DrawnPlate plate = draw_plate(image, "4725BKZ", {120, 200}, width);
     const std::vector<Reading> readings = recognizer().read(image);
     ASSERT_EQ(readings.size(), 1U) << width;
     EXPECT_EQ(readings[0].text, "4725BKZ") << width;
@@ -89,9 +91,9 @@ TEST_F(Images, PlatesFromSmallToLargeAreRead) {
   }
 }
 
-TEST_F(Images, GreyAndColourReadAlike) {
-  cv::Mat image = wall({640, 480});
-  put(image, "0318GHT", {200, 220}, 180);
+TEST_F(RecognizerTest, GreyAndColourGiveTheSameReading) {
+  cv::Mat image = gray_wall({640, 480});
+  draw_plate(image, "0318GHT", {200, 220}, 180);
   cv::Mat gray;
   cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
   const std::vector<Reading> of_gray = recognizer().read(gray);
@@ -100,31 +102,31 @@ TEST_F(Images, GreyAndColourReadAlike) {
   EXPECT_EQ(reading_json(of_gray[0]), reading_json(of_color.at(0)));
 }
 
-TEST_F(Images, TwoRowsAreReadOneAfterTheOther) {
-  cv::Mat image = wall({640, 480});
-  put(image, "5521MNP", {220, 150}, 190, synth::PlateKind::kSpainSquare);
+TEST_F(RecognizerTest, ReadsTwoRowPlates) {
+  cv::Mat image = gray_wall({640, 480});
+  draw_plate(image, "5521MNP", {220, 150}, 190, synth::PlateKind::kSpainSquare);
   const std::vector<Reading> readings = recognizer().read(image);
   ASSERT_FALSE(readings.empty());
   EXPECT_EQ(readings[0].text, "5521MNP");
   EXPECT_EQ(readings[0].rows, 2);
 }
 
-TEST_F(Images, AHundredPlatesAreAllFound) {
-  cv::Mat image = wall({1600, 1200});
+TEST_F(RecognizerTest, ReadsNinetyOfAHundredPlates) {
+  cv::Mat image = gray_wall({1600, 1200});
   std::set<std::string> texts;
   for (int i = 0; i < 100; ++i) {
     const std::string text = std::to_string(1000 + i * 83) + "BCD";
-    texts.insert(put(image, text, {15 + (i % 10) * 158, 30 + (i / 10) * 116}, 130).text);
+    texts.insert(draw_plate(image, text, {15 + (i % 10) * 158, 30 + (i / 10) * 116}, 130).text);
   }
   int right = 0;
   for (const Reading& reading : recognizer().read(image)) right += texts.erase(reading.text) == 1;
   EXPECT_GE(right, 90);
 }
 
-TEST_F(Images, OnlyAPartIsSearchedWhereOneIsAskedFor) {
-  cv::Mat image = wall({1280, 720});
-  put(image, "4725BKZ", {200, 200}, 180);
-  put(image, "0318GHT", {800, 500}, 180);
+TEST_F(RecognizerTest, SearchesOnlyTheGivenRegion) {
+  cv::Mat image = gray_wall({1280, 720});
+  draw_plate(image, "4725BKZ", {200, 200}, 180);
+  draw_plate(image, "0318GHT", {800, 500}, 180);
   ASSERT_EQ(recognizer().read(image).size(), 2U);
   const std::vector<Reading> right =
       recognizer().read(image, nullptr, nullptr, false, {640, 360, 640, 360});
@@ -134,9 +136,9 @@ TEST_F(Images, OnlyAPartIsSearchedWhereOneIsAskedFor) {
   EXPECT_TRUE(recognizer().read(image, nullptr, nullptr, false, {640, 0, 640, 360}).empty());
 }
 
-TEST_F(Images, ASmallPlateOfAHugeImageIsFound) {
-  cv::Mat image = wall({3840, 2160});
-  const Put plate = put(image, "4725BKZ", {900, 1200}, 60);
+TEST_F(RecognizerTest, FindsASmallPlateInALargeImage) {
+  cv::Mat image = gray_wall({3840, 2160});
+  const DrawnPlate plate = draw_plate(image, "4725BKZ", {900, 1200}, 60);
   RecognizerOptions options;
   options.detector.max_tiles = 0;  // 16 px in the finest level
   const Recognizer coarse(read_detector_model((kModels / "plate-detector.json").string()),
@@ -150,9 +152,9 @@ TEST_F(Images, ASmallPlateOfAHugeImageIsFound) {
   EXPECT_GT(box_iou(readings[0].corners, quad_of(cv::Rect2f(plate.box))), 0.7);
 }
 
-TEST_F(Images, LetteringThatIsNoPlateIsNotReported) {
-  cv::Mat image = wall({900, 500});
-  put(image, "4725BKZ", {120, 330}, 220);
+TEST_F(RecognizerTest, RejectsTextThatIsNoPlate) {
+  cv::Mat image = gray_wall({900, 500});
+  draw_plate(image, "4725BKZ", {120, 330}, 220);
   // A badge, a grille, a row of lamps.
   cv::putText(image, "CAMARO", {512, 115}, cv::FONT_HERSHEY_DUPLEX, 1.2, {200, 200, 205}, 2,
               cv::LINE_AA);
@@ -166,11 +168,11 @@ TEST_F(Images, LetteringThatIsNoPlateIsNotReported) {
   EXPECT_GT(readings[0].plate, 0.9);
 }
 
-TEST_F(Images, APlateAtTheBorderDoesNoHarm) {
+TEST_F(RecognizerTest, BoxesAtTheBorderStayInTheImage) {
   for (const cv::Point at :
        {cv::Point{0, 0}, cv::Point{460, 0}, cv::Point{0, 442}, cv::Point{460, 442}}) {
-    cv::Mat image = wall({640, 480});
-    put(image, "4725BKZ", at, 180);
+    cv::Mat image = gray_wall({640, 480});
+    draw_plate(image, "4725BKZ", at, 180);
     for (const Reading& reading : recognizer().read(image)) {
       EXPECT_EQ(reading.box & cv::Rect(0, 0, 640, 480), reading.box);
       EXPECT_EQ(reading.text, "4725BKZ");
@@ -178,11 +180,11 @@ TEST_F(Images, APlateAtTheBorderDoesNoHarm) {
   }
 }
 
-TEST_F(Images, ThreadsChangeNothing) {
-  cv::Mat image = wall({1280, 720});
+TEST_F(RecognizerTest, ResultDoesNotDependOnThreads) {
+  cv::Mat image = gray_wall({1280, 720});
   for (int i = 0; i < 6; ++i)
-    put(image, std::to_string(1234 + 1111 * i) + "LMN", {60 + (i % 3) * 400, 150 + (i / 3) * 300},
-        170);
+    draw_plate(image, std::to_string(1234 + 1111 * i) + "LMN",
+               {60 + (i % 3) * 400, 150 + (i / 3) * 300}, 170);
   RecognizerOptions options;
   options.parallel = true;
   const Recognizer parallel(read_detector_model((kModels / "plate-detector.json").string()),
@@ -196,9 +198,9 @@ TEST_F(Images, ThreadsChangeNothing) {
     EXPECT_EQ(reading_json(one[i]), reading_json(many[i]));
 }
 
-TEST_F(Images, APlateOfAnotherCountryThanAskedForIsNoticed) {
-  cv::Mat image = wall({640, 480});
-  put(image, "4725BKZ", {200, 200}, 200);
+TEST_F(RecognizerTest, ReportsTheTextOfAnotherCountryAsUnfit) {
+  cv::Mat image = gray_wall({640, 480});
+  draw_plate(image, "4725BKZ", {200, 200}, 200);
   const auto of = [](const std::string& country) {
     return Recognizer(
         read_detector_model((kModels / "plate-detector.json").string()),
@@ -217,9 +219,9 @@ TEST_F(Images, APlateOfAnotherCountryThanAskedForIsNoticed) {
   EXPECT_EQ(recognizer().read(image).at(0).unfit, "");
 }
 
-TEST_F(Images, JsonHasTheAgreedForm) {
-  cv::Mat image = wall({640, 480});
-  put(image, "4725BKZ", {200, 200}, 200);
+TEST_F(RecognizerTest, JsonHasTheDocumentedFields) {
+  cv::Mat image = gray_wall({640, 480});
+  draw_plate(image, "4725BKZ", {200, 200}, 200);
   const nlohmann::ordered_json json = reading_json(recognizer().read(image).at(0));
   EXPECT_EQ(json["box"].size(), 4U);
   EXPECT_EQ(json["corners"].size(), 4U);
@@ -230,21 +232,21 @@ TEST_F(Images, JsonHasTheAgreedForm) {
   EXPECT_LE(sum, 1.01);
 }
 
-TEST(Recognizer, ImagesWithoutPlatesGiveNone) {
+TEST(Recognizer, ReturnsNoneForImagesWithoutPlates) {
   for (const cv::Size size : {cv::Size{1, 1}, cv::Size{3, 700}, cv::Size{640, 480}}) {
     EXPECT_TRUE(recognizer().read(cv::Mat(size, CV_8UC3, cv::Scalar(127, 127, 127))).empty())
         << size;
   }
 }
 
-TEST(Recognizer, RefusesOtherImages) {
+TEST(Recognizer, RejectsUnsupportedImages) {
   EXPECT_THROW((void)recognizer().read(cv::Mat()), std::invalid_argument);
   EXPECT_THROW((void)recognizer().read(cv::Mat(10, 10, CV_32FC1)), std::invalid_argument);
 }
 
 class PlateModelFile : public FolderTest {};
 
-TEST_F(PlateModelFile, IsWrittenAsItIsRead) {
+TEST_F(PlateModelFile, RoundTripsByteForByte) {
   const auto text = [](const std::string& file) {
     std::ifstream stream(file);
     return std::string((std::istreambuf_iterator<char>(stream)), {});
@@ -261,7 +263,7 @@ TEST_F(PlateModelFile, IsWrittenAsItIsRead) {
 
 class BrokenModel : public FolderTest {};
 
-TEST_F(BrokenModel, IsRefusedWithItsPath) {
+TEST_F(BrokenModel, ErrorNamesThePath) {
   const std::string path = folder_ + "/m.json";
   const auto reason = [&](const std::string& text) -> std::string {
     std::ofstream(path) << text;

@@ -47,8 +47,8 @@ Reader Reader::load(const ModelStore& models, const ReaderOptions& options) {
   if (options.pipeline == Pipeline::kNetworks) {
     const auto recognizer = std::make_shared<const Recognizer>(load_recognizer(models, options));
     return {
-        [recognizer](const Frame& frame, DebugSink* debug, Timers* timers, const cv::Rect& where) {
-          return recognizer->read(frame.image, debug, timers, !frame.still, where);
+        [recognizer](const Frame& frame, DebugSink* debug, Timers* timers, const cv::Rect& region) {
+          return recognizer->read(frame.image, debug, timers, !frame.still, region);
         },
         options};
   }
@@ -64,10 +64,10 @@ Reader Reader::load(const ModelStore& models, const ReaderOptions& options) {
 }
 
 ReaderResult Reader::process(const Frame& frame, DebugSink* debug, Timers* timers,
-                             const cv::Rect& where) const {
+                             const cv::Rect& region) const {
   const auto start = std::chrono::steady_clock::now();
   ReaderResult result;
-  result.plates = read_(frame, debug, timers, where);
+  result.plates = read_(frame, debug, timers, region);
   std::erase_if(result.plates,
                 [this](const Reading& plate) { return plate.confidence < min_confidence_; });
   for (Reading& plate : result.plates) {

@@ -84,10 +84,10 @@ class Reader {
   // `frame.image` is CV_8UC3 (BGR) or CV_8UC1. If `frame.still` is false, an uncertain plate is
   // read only once, because the next frame shows it again. `debug` receives the image of each
   // stage, and `timers` the duration of each stage (kNetworks: find, align, read). Both may be
-  // null. `where` is the region of the image that is searched, px; if it is empty, the whole image
+  // null. `region` is the part of the image that is searched, px; if it is empty, the whole image
   // is searched. kTextbook always searches the whole image.
   [[nodiscard]] ReaderResult process(const Frame& frame, DebugSink* debug = nullptr,
-                                     Timers* timers = nullptr, const cv::Rect& where = {}) const;
+                                     Timers* timers = nullptr, const cv::Rect& region = {}) const;
 
  private:
   using Read =

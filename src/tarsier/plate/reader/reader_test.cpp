@@ -40,7 +40,7 @@ const std::optional<Frame>& street() {
   return frame;
 }
 
-class PlatesOfAStreet : public testing::Test {
+class ReaderOnStreet : public testing::Test {
  protected:
   void SetUp() override {
     if (!street()) GTEST_SKIP() << "no typefaces to draw plates with";
@@ -63,7 +63,7 @@ class Stages final : public DebugSink {
   std::vector<std::string> names;
 };
 
-TEST_F(PlatesOfAStreet, IsThatOfItsNetworks) {
+TEST_F(ReaderOnStreet, ResultEqualsTheRecognizers) {
   const Reader reader = Reader::load(models());
   Stages stages;
   Timers timers;
@@ -83,7 +83,7 @@ TEST_F(PlatesOfAStreet, IsThatOfItsNetworks) {
   EXPECT_GE(json["ms"], 0);
 }
 
-TEST_F(PlatesOfAStreet, OptionsLimitWhatIsReported) {
+TEST_F(ReaderOnStreet, OptionsLimitTheResults) {
   ReaderOptions options;
   options.max_candidates = 1;
   const ReaderResult all = Reader::load(models(), options).process(still_);
@@ -94,7 +94,7 @@ TEST_F(PlatesOfAStreet, OptionsLimitWhatIsReported) {
     EXPECT_EQ(plate.confidence, 1);
 }
 
-TEST_F(PlatesOfAStreet, TheTextbookReadsByItsOwnModels) {
+TEST_F(ReaderOnStreet, TextbookPipelineUsesItsOwnModels) {
   ReaderOptions options;
   options.pipeline = Pipeline::kTextbook;
   const auto model =
@@ -107,7 +107,7 @@ TEST_F(PlatesOfAStreet, TheTextbookReadsByItsOwnModels) {
   EXPECT_EQ(texts_of(result), texts);
 }
 
-TEST(ReaderLoading, NamesWhatIsMissing) {
+TEST(ReaderLoading, ErrorNamesTheMissingFile) {
   const TemporaryFolder empty;
   try {
     static_cast<void>(Reader::load(ModelStore(empty.path())));
@@ -125,7 +125,7 @@ TEST(ReaderLoading, NamesWhatIsMissing) {
   }
 }
 
-TEST(ReaderLoading, RefusesBadOptions) {
+TEST(ReaderLoading, RejectsInvalidOptions) {
   ReaderOptions options;
   options.countries = {"zz"};
   EXPECT_THROW(static_cast<void>(Reader::load(models(), options)), UsageError);

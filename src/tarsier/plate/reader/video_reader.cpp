@@ -56,9 +56,9 @@ VideoReader::VideoReader(ReadPart read, const TrackerOptions& options)
 
 VideoReader VideoReader::load(const ModelStore& models, const VideoReaderOptions& options) {
   options.check();
-  return {[reader = Reader::load(models, options.reader)](const Frame& frame, const cv::Rect& where,
-                                                          DebugSink* debug) {
-            return reader.process(frame, debug, nullptr, where);
+  return {[reader = Reader::load(models, options.reader)](
+              const Frame& frame, const cv::Rect& region, DebugSink* debug) {
+            return reader.process(frame, debug, nullptr, region);
           },
           options.tracker};
 }
@@ -69,13 +69,13 @@ bool VideoReader::continues(const Frame& frame, const VideoReaderState& state) {
 }
 
 VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& state,
-                                       const FrameMoment& seen, DebugSink* debug,
-                                       const cv::Rect& where) const {
+                                       const FrameMoment& moment, DebugSink* debug,
+                                       const cv::Rect& region) const {
   VideoReaderResult result;
   if (!continues(frame, state)) result.events = finish(state);
   state.source = source_of(frame);
   state.has_video = !frame.still;
-  ReaderResult read = read_(frame, where, debug);
+  ReaderResult read = read_(frame, region, debug);
   result.plates = std::move(read.plates);
   result.ms = read.ms;
   if (!options_.region.corners.empty()) {
@@ -88,8 +88,8 @@ VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& sta
   if (frame.still) return result;
   std::vector<PlateEvent> closed =
       step_tracker(options_, state.tracker,
-                   {frame.index, frame.time, frame.image, result.plates, seen, state.source});
-  append(result.events, take_news(options_, state.tracker));
+                   {frame.index, frame.time, frame.image, result.plates, moment, state.source});
+  append(result.events, take_updates(options_, state.tracker));
   append(result.events, std::move(closed));
   result.tracks = live_tracks(options_, state.tracker);
   return result;
@@ -97,7 +97,7 @@ VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& sta
 
 std::vector<PlateEvent> VideoReader::finish(VideoReaderState& state) const {
   std::vector<PlateEvent> events = flush_tracker(options_, state.tracker);
-  append(events, take_news(options_, state.tracker));
+  append(events, take_updates(options_, state.tracker));
   return events;
 }
 

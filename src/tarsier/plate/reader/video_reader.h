@@ -60,7 +60,7 @@ class VideoReader {
   using Read = std::function<ReaderResult(const Frame& frame, DebugSink* debug)>;
   // Reads one region of the frame, px. An empty rectangle means the whole frame.
   using ReadPart =
-      std::function<ReaderResult(const Frame& frame, const cv::Rect& where, DebugSink* debug)>;
+      std::function<ReaderResult(const Frame& frame, const cv::Rect& region, DebugSink* debug)>;
 
   // Throws the same exceptions as Reader::load().
   [[nodiscard]] static VideoReader load(const ModelStore& models,
@@ -72,14 +72,15 @@ class VideoReader {
   [[nodiscard]] const TrackerOptions& options() const { return options_; }
 
   // Processes the next frame. If the frame is a still, or comes from another source than the frames
-  // before it, all tracked vehicles are closed first and their events are returned first. `seen` is
-  // the wall-clock time at which the frame was taken; without it, events have no wall-clock times.
-  // `where` is the region that is searched, px; a vehicle whose plate is outside this region counts
-  // as not seen in this frame. Throws std::invalid_argument for an image that is not CV_8UC3 or
-  // CV_8UC1 and for a time that is not finite.
+  // before it, all tracked vehicles are closed first and their events are returned first. `moment`
+  // is the wall-clock time at which the frame was taken; without it, events have no wall-clock
+  // times. `region` is the part that is searched, px; a vehicle whose plate is outside this region
+  // counts as not seen in this frame. Throws std::invalid_argument for an image that is not CV_8UC3
+  // or CV_8UC1 and for a time that is not finite.
   [[nodiscard]] VideoReaderResult process(const Frame& frame, VideoReaderState& state,
-                                          const FrameMoment& seen = {}, DebugSink* debug = nullptr,
-                                          const cv::Rect& where = {}) const;
+                                          const FrameMoment& moment = {},
+                                          DebugSink* debug = nullptr,
+                                          const cv::Rect& region = {}) const;
   // Returns whether the frame continues the sequence of `state`. If not, process() first calls
   // finish().
   [[nodiscard]] static bool continues(const Frame& frame, const VideoReaderState& state);

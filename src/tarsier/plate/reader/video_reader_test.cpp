@@ -40,7 +40,7 @@ Frame frame_of(const std::string& source, int index, bool still = false) {
   return frame;
 }
 
-std::vector<std::string> closed(const std::vector<PlateEvent>& events) {
+std::vector<std::string> closed_texts(const std::vector<PlateEvent>& events) {
   std::vector<std::string> texts;
   for (const PlateEvent& event : events)
     if (event.state == PlateState::kClosed) texts.push_back(event.text + "@" + event.source);
@@ -48,16 +48,16 @@ std::vector<std::string> closed(const std::vector<PlateEvent>& events) {
 }
 
 // A reader that returns given plates.
-class Vehicles : public testing::Test {
+class VideoReaderTest : public testing::Test {
  protected:
   [[nodiscard]] VideoReader reader() {
-    return {[this](const Frame&, DebugSink*) { return ReaderResult{seen_, 2.5}; }, options_};
+    return {[this](const Frame&, DebugSink*) { return ReaderResult{plates_, 2.5}; }, options_};
   }
-  std::vector<Reading> seen_{reading_at({100, 100, 90, 20}, "4725BKZ")};
+  std::vector<Reading> plates_{reading_at({100, 100, 90, 20}, "4725BKZ")};
   TrackerOptions options_;
 };
 
-TEST_F(Vehicles, AreTrackedAndClosedAtTheEnd) {
+TEST_F(VideoReaderTest, TracksVehiclesAndClosesThemAtTheEnd) {
   const VideoReader video = reader();
   VideoReaderState state;
   std::vector<PlateState> states;
@@ -69,49 +69,50 @@ TEST_F(Vehicles, AreTrackedAndClosedAtTheEnd) {
     for (const PlateEvent& event : result.events) states.push_back(event.state);
   }
   EXPECT_THAT(states, ElementsAre(PlateState::kOpened));
-  EXPECT_THAT(closed(video.finish(state)), ElementsAre("4725BKZ@street.mp4"));
+  EXPECT_THAT(closed_texts(video.finish(state)), ElementsAre("4725BKZ@street.mp4"));
   EXPECT_THAT(video.finish(state), IsEmpty());
 }
 
-TEST_F(Vehicles, HaveGoneWhereAnotherSourceOrAStillBegins) {
+TEST_F(VideoReaderTest, AnotherSourceOrAStillClosesVehicles) {
   const VideoReader video = reader();
   VideoReaderState state;
   for (int k = 0; k < 6; ++k) static_cast<void>(video.process(frame_of("a.mp4", k), state));
   EXPECT_TRUE(VideoReader::continues(frame_of("a.mp4", 6), state));
   EXPECT_FALSE(VideoReader::continues(frame_of("b.mp4", 6), state));
-  EXPECT_THAT(closed(video.process(frame_of("b.mp4", 0), state).events),
+  EXPECT_THAT(closed_texts(video.process(frame_of("b.mp4", 0), state).events),
               ElementsAre("4725BKZ@a.mp4"));
   for (int k = 1; k < 6; ++k) static_cast<void>(video.process(frame_of("b.mp4", k), state));
   const VideoReaderResult still = video.process(frame_of("c.jpg", 0, true), state);
-  EXPECT_THAT(closed(still.events), ElementsAre("4725BKZ@b.mp4"));
+  EXPECT_THAT(closed_texts(still.events), ElementsAre("4725BKZ@b.mp4"));
   EXPECT_EQ(still.plates.size(), 1U);
   EXPECT_THAT(still.tracks, IsEmpty());
   EXPECT_THAT(video.finish(state), IsEmpty());  // a still image gives no vehicle event
 }
 
-TEST_F(Vehicles, ImagesInSequenceAreOneVideo) {
+TEST_F(VideoReaderTest, ImageSequenceIsOneVideo) {
   const VideoReader video = reader();
   VideoReaderState state;
   for (int k = 0; k < 6; ++k)
     EXPECT_THAT(
-        closed(video.process(frame_of("frames/" + std::to_string(k) + ".png", k), state).events),
+        closed_texts(
+            video.process(frame_of("frames/" + std::to_string(k) + ".png", k), state).events),
         IsEmpty());
-  EXPECT_THAT(closed(video.finish(state)), ElementsAre("4725BKZ@frames"));
+  EXPECT_THAT(closed_texts(video.finish(state)), ElementsAre("4725BKZ@frames"));
 }
 
-TEST_F(Vehicles, OfTwoStatesDoNotMeet) {
+TEST_F(VideoReaderTest, StatesAreIndependent) {
   const VideoReader video = reader();
   const VideoReader copy = video;
   VideoReaderState a;
   VideoReaderState b;
   for (int k = 0; k < 6; ++k) static_cast<void>(video.process(frame_of("a.mp4", k), a));
   EXPECT_THAT(copy.process(frame_of("b.mp4", 0), b).events, IsEmpty());
-  EXPECT_THAT(closed(copy.finish(a)), ElementsAre("4725BKZ@a.mp4"));
+  EXPECT_THAT(closed_texts(copy.finish(a)), ElementsAre("4725BKZ@a.mp4"));
 }
 
-TEST_F(Vehicles, OutsideTheRegionDoNotCount) {
+TEST_F(VideoReaderTest, DropsPlatesOutsideTheRegion) {
   options_.region = parse_region("0,0,0.4,1");
-  seen_ = {reading_at({10, 100, 90, 20}, "1111BBB"), reading_at({220, 100, 90, 20}, "2222CCC")};
+  plates_ = {reading_at({10, 100, 90, 20}, "1111BBB"), reading_at({220, 100, 90, 20}, "2222CCC")};
   const VideoReader video = reader();
   VideoReaderState state;
   const VideoReaderResult still = video.process(frame_of("a.jpg", 0, true), state);
@@ -119,7 +120,7 @@ TEST_F(Vehicles, OutsideTheRegionDoNotCount) {
   EXPECT_EQ(still.plates[0].text, "1111BBB");
 }
 
-TEST_F(Vehicles, AreWrittenAsJson) {
+TEST_F(VideoReaderTest, JsonHasTheDocumentedFields) {
   const VideoReader video = reader();
   VideoReaderState state;
   const nlohmann::ordered_json still = to_json(video.process(frame_of("a.jpg", 0, true), state));
@@ -132,7 +133,7 @@ TEST_F(Vehicles, AreWrittenAsJson) {
   EXPECT_EQ(json["tracks"][0]["confirmed"], false);
 }
 
-TEST_F(Vehicles, NeedAReaderAndGoodOptions) {
+TEST_F(VideoReaderTest, RejectsInvalidOptions) {
   EXPECT_THROW(VideoReader(VideoReader::Read{}, {}), std::invalid_argument);
   options_.lost_after = -1;
   EXPECT_THROW(reader(), std::invalid_argument);
@@ -141,7 +142,7 @@ TEST_F(Vehicles, NeedAReaderAndGoodOptions) {
   EXPECT_THROW(options.check(), std::invalid_argument);
 }
 
-TEST(VideoReaderOfModels, ReadsWhatItsReaderReads) {
+TEST(VideoReaderOfModels, ReadsStillsLikeReader) {
   std::unique_ptr<FrameSource> source;
   std::optional<Frame> frame;
   try {

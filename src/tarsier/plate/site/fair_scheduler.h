@@ -14,14 +14,15 @@ namespace tarsier::plate {
 // up time: when it has a request again, its clock is set at least to that of the request taken
 // last.
 //
-// A spare request is taken only while no other request waits. The class is not thread-safe.
+// A request of low priority is taken only while no other request waits. The class is not
+// thread-safe.
 class FairScheduler {
  public:
   explicit FairScheduler(std::size_t cameras);
 
-  // Adds a request of the camera, or replaces its pending request. The replacement is spare only if
-  // the pending request and the new one are both spare.
-  void offer(std::size_t camera, bool spare);
+  // Adds a request of the camera, or replaces its pending request. The replacement has a low
+  // priority only if the pending request and the new one both have it.
+  void offer(std::size_t camera, bool low_priority);
 
   // Returns the next camera among those not being served; with equal clocks, the one with the
   // lowest number. The camera counts as being served until done().
@@ -30,8 +31,8 @@ class FairScheduler {
 
  private:
   struct Camera {
-    bool waits = false;
-    bool is_spare = false;
+    bool has_request = false;
+    bool is_low_priority = false;
     bool is_served = false;
     double clock_s = 0;
   };

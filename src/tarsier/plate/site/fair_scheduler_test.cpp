@@ -12,7 +12,7 @@ namespace {
 using testing::Each;
 using testing::Optional;
 
-TEST(FairScheduler, SharesTheWorkNotTheRequests) {
+TEST(FairScheduler, SharesTheCostEqually) {
   FairScheduler scheduler(3);
   const std::vector<double> costs{0.01, 0.02, 0.06};  // s per request
   std::vector<double> spent(3);
@@ -27,7 +27,7 @@ TEST(FairScheduler, SharesTheWorkNotTheRequests) {
   EXPECT_THAT(spent, Each(testing::DoubleNear(5.4, 0.12)));
 }
 
-TEST(FairScheduler, WhoHadNothingToDoHasSavedNothingUp) {
+TEST(FairScheduler, IdleCamerasGainNoCredit) {
   FairScheduler scheduler(2);
   for (int k = 0; k < 100; ++k) {
     scheduler.offer(0, false);
@@ -45,7 +45,7 @@ TEST(FairScheduler, WhoHadNothingToDoHasSavedNothingUp) {
   EXPECT_NEAR(second, 10, 1);
 }
 
-TEST(FairScheduler, SpareRequestsWaitForAllOthers) {
+TEST(FairScheduler, LowPriorityRequestsAreServedLast) {
   FairScheduler scheduler(3);
   scheduler.offer(0, true);
   scheduler.offer(1, false);
@@ -70,7 +70,7 @@ TEST(FairScheduler, ACameraIsServedOnceAtATime) {
   EXPECT_THROW(scheduler.done(1, 1), std::invalid_argument);
 }
 
-TEST(FairScheduler, WhatWasWantedStaysWantedWhenItIsReplacedBySpare) {
+TEST(FairScheduler, LowPriorityRequestDoesNotDemoteAPendingOne) {
   FairScheduler scheduler(2);
   scheduler.offer(0, true);
   scheduler.offer(1, false);

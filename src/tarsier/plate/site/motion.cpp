@@ -13,10 +13,10 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr int kAcross = 160;  // cells
+constexpr int kCellColumns = 160;  // cells
 
 cv::Mat cells_of(const cv::Mat& image) {
-  const int width = std::min(kAcross, image.cols);
+  const int width = std::min(kCellColumns, image.cols);
   const int height = std::max(1, cvRound(static_cast<double>(image.rows) * width / image.cols));
   cv::Mat small;
   cv::resize(image, small, {width, height}, 0, 0, cv::INTER_AREA);
@@ -40,37 +40,37 @@ bool has_motion(const MotionOptions& options, MotionState& state, const cv::Mat&
   const cv::Mat cells = cells_of(image);
   if (state.background.size() != cells.size()) {
     state.background = cells;
-    state.moved = cv::Mat(cells.size(), CV_64F, cv::Scalar(time));
+    state.last_change_time = cv::Mat(cells.size(), CV_64F, cv::Scalar(time));
     return true;
   }
   cv::Mat change = cells - state.background;
-  const float shared = median_of(change);
+  const float global_change = median_of(change);
   int count = 0;
   for (auto it = change.begin<float>(); it != change.end<float>(); ++it)
-    count += std::abs(*it - shared) > options.threshold ? 1 : 0;
+    count += std::abs(*it - global_change) > options.threshold ? 1 : 0;
   const bool moves = count >= options.min_cells;
   for (int y = 0; y < cells.rows; ++y) {
     auto* background = state.background.ptr<float>(y);
     const auto* row = change.ptr<float>(y);
-    auto* moved = state.moved.ptr<double>(y);
+    auto* last_change_time = state.last_change_time.ptr<double>(y);
     for (int x = 0; x < cells.cols; ++x) {
-      const bool moving = std::abs(row[x] - shared) > options.threshold;
+      const bool is_changed = std::abs(row[x] - global_change) > options.threshold;
       background[x] +=
-          static_cast<float>(moving ? options.learning_moving : options.learning) * row[x];
-      if (moving) moved[x] = time;
+          static_cast<float>(is_changed ? options.learning_moving : options.learning) * row[x];
+      if (is_changed) last_change_time[x] = time;
     }
   }
   return moves;
 }
 
-cv::Rect moved_part(const MotionState& state, double since, cv::Size size) {
+cv::Rect motion_box(const MotionState& state, double since, cv::Size size) {
   const cv::Rect whole({0, 0}, size);
-  if (state.moved.empty()) return whole;
-  constexpr int kMargin = kAcross / 40;  // cells
-  const cv::Rect cells = cv::boundingRect(state.moved >= since);
+  if (state.last_change_time.empty()) return whole;
+  constexpr int kMargin = kCellColumns / 40;  // cells
+  const cv::Rect cells = cv::boundingRect(state.last_change_time >= since);
   if (cells.empty()) return {};
-  const double across = static_cast<double>(size.width) / state.moved.cols;
-  const double down = static_cast<double>(size.height) / state.moved.rows;
+  const double across = static_cast<double>(size.width) / state.last_change_time.cols;
+  const double down = static_cast<double>(size.height) / state.last_change_time.rows;
   const cv::Point first(cvFloor((cells.x - kMargin) * across), cvFloor((cells.y - kMargin) * down));
   const cv::Point last(cvCeil((cells.br().x + kMargin) * across),
                        cvCeil((cells.br().y + kMargin) * down));

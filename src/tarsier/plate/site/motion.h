@@ -28,8 +28,8 @@ struct MotionOptions {
 };
 
 struct MotionState {
-  cv::Mat background;  // CV_32FC1, grey levels of the cells; empty before the first frame
-  cv::Mat moved;       // CV_64FC1, s: last time at which each cell changed
+  cv::Mat background;        // CV_32FC1, grey levels of the cells; empty before the first frame
+  cv::Mat last_change_time;  // CV_64FC1, s: last time at which each cell changed
 };
 
 // Returns whether something moves in the view of a fixed camera. The image is reduced to 160 cells
@@ -43,6 +43,6 @@ struct MotionState {
 // The bounding box of all cells that changed at `since` s or later, with a margin of 1/40 of the
 // image's width, in px of an image of `size` and clipped to it. It is empty if no cell changed. It
 // is the whole image before the first frame and if the threshold is 0.
-[[nodiscard]] cv::Rect moved_part(const MotionState& state, double since, cv::Size size);
+[[nodiscard]] cv::Rect motion_box(const MotionState& state, double since, cv::Size size);
 
 }  // namespace tarsier::plate

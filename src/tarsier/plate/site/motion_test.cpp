@@ -32,19 +32,19 @@ class Motion : public testing::Test {
   int frame_ = 0;
 };
 
-TEST_F(Motion, IsAVehicleAndNotNoise) {
+TEST_F(Motion, DetectsVehiclesButNotNoise) {
   EXPECT_TRUE(moves(-1));  // the first frame
   for (int k = 0; k < 20; ++k) EXPECT_FALSE(moves(-1)) << k;
   for (int k = 0; k < 10; ++k) EXPECT_TRUE(moves(40 * k)) << k;
 }
 
-TEST_F(Motion, IsNotALightThatChangesEverywhere) {
+TEST_F(Motion, IgnoresGlobalBrightnessChanges) {
   for (int k = 0; k < 10; ++k) static_cast<void>(moves(-1));
   for (int k = 0; k < 10; ++k) EXPECT_FALSE(moves(-1, 3.0 * k)) << k;
   EXPECT_TRUE(moves(100, 30));
 }
 
-TEST_F(Motion, OfWhatHasStoppedEnds) {
+TEST_F(Motion, EndsAfterAnObjectStops) {
   for (int k = 0; k < 10; ++k) static_cast<void>(moves(-1));
   int moving = 0;
   for (int k = 0; k < 300; ++k) moving += moves(200) ? 1 : 0;
@@ -54,34 +54,34 @@ TEST_F(Motion, OfWhatHasStoppedEnds) {
   EXPECT_TRUE(moves(240));  // it drives away
 }
 
-TEST_F(Motion, PartIsAroundWhatMovedOfLate) {
+TEST_F(Motion, BoxCoversRecentMotion) {
   const cv::Size size(640, 360);
-  EXPECT_EQ(moved_part(state_, 0, size), cv::Rect({0, 0}, size));  // no background yet
-  const auto look = [&](int x, double time) {
+  EXPECT_EQ(motion_box(state_, 0, size), cv::Rect({0, 0}, size));  // no background yet
+  const auto moves_at = [&](int x, double time) {
     return has_motion(options_, state_, street(x, frame_++), time);
   };
-  for (int k = 0; k < 10; ++k) static_cast<void>(look(-1, 0.1 * k));
-  EXPECT_EQ(moved_part(state_, 0, size), cv::Rect({0, 0}, size));  // the first frame
-  EXPECT_TRUE(moved_part(state_, 0.5, size).empty());
-  ASSERT_TRUE(look(200, 1.5));
-  const cv::Rect around = moved_part(state_, 1.2, size);
+  for (int k = 0; k < 10; ++k) static_cast<void>(moves_at(-1, 0.1 * k));
+  EXPECT_EQ(motion_box(state_, 0, size), cv::Rect({0, 0}, size));  // the first frame
+  EXPECT_TRUE(motion_box(state_, 0.5, size).empty());
+  ASSERT_TRUE(moves_at(200, 1.5));
+  const cv::Rect around = motion_box(state_, 1.2, size);
   EXPECT_EQ(around & cv::Rect(200, 200, 40, 24), cv::Rect(200, 200, 40, 24));
   EXPECT_LT(around.area(), 100 * 80);
-  ASSERT_TRUE(look(600, 2.5));
-  const cv::Rect last = moved_part(state_, 2, size);
+  ASSERT_TRUE(moves_at(600, 2.5));
+  const cv::Rect last = motion_box(state_, 2, size);
   EXPECT_EQ(last.br().x, 640);  // clipped to the image
   EXPECT_GT(last.x, 500);
-  const cv::Rect both = moved_part(state_, 1.2, size);
+  const cv::Rect both = motion_box(state_, 1.2, size);
   EXPECT_EQ(both, around | last);
-  EXPECT_EQ(moved_part(state_, 1.2, {1280, 720}).height, 2 * both.height);
+  EXPECT_EQ(motion_box(state_, 1.2, {1280, 720}).height, 2 * both.height);
 }
 
-TEST_F(Motion, IsEverywhereWithoutAThreshold) {
+TEST_F(Motion, ThresholdZeroReportsEveryFrame) {
   options_.threshold = 0;
   for (int k = 0; k < 5; ++k) EXPECT_TRUE(moves(-1));
 }
 
-TEST_F(Motion, BeginsAgainWithAnotherSize) {
+TEST_F(Motion, RestartsWhenTheImageSizeChanges) {
   for (int k = 0; k < 5; ++k) static_cast<void>(moves(-1));
   EXPECT_TRUE(has_motion(options_, state_, cv::Mat(100, 640, CV_8UC1, cv::Scalar(100))));
   EXPECT_THROW((void)has_motion(options_, state_, cv::Mat()), std::invalid_argument);

@@ -23,13 +23,14 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr milliseconds kPatience{100};
+constexpr milliseconds kFrameTimeout{100};
 // Idle periods after which a frame without motion has to wait no longer.
 constexpr double kMaxIdleWaits = 10;
 // Idle periods between frames without motion and without plates.
-constexpr double kEmptyIdle = 4;
-constexpr int kMinParts = 4;  // minimum number of frames read in part between two whole frames
-constexpr double kLargePart = 0.6;  // share of a frame from which the whole frame is read
+constexpr double kIdleFactorWithoutPlates = 4;
+constexpr int kMinPartialReads =
+    4;  // minimum number of frames read in part between two whole frames
+constexpr double kMaxPartialShare = 0.6;  // share of a frame from which the whole frame is read
 
 Clock::duration seconds(double s) {
   return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
@@ -53,7 +54,7 @@ class Site {
         forward_stop_(stop, [this] { end(); }) {
     for (const SiteCamera& camera : cameras) {
       cameras_.push_back(std::make_unique<Camera>());
-      cameras_.back()->given = &camera;
+      cameras_.back()->config = &camera;
       cameras_.back()->report.name = camera.name;
     }
   }
@@ -73,7 +74,7 @@ class Site {
     for (std::size_t i = 0; i < cameras_.size(); ++i) {
       Camera& camera = *cameras_[i];
       shift_unsynchronized(camera.state.tracker, camera.step);  // since its last frame
-      say(i, camera.given->reader.finish(camera.state));
+      report_events(i, camera.config->reader.finish(camera.state));
       reports.push_back(camera.report);
     }
     return reports;
@@ -81,17 +82,17 @@ class Site {
 
  private:
   struct Camera {
-    const SiteCamera* given = nullptr;
+    const SiteCamera* config = nullptr;
     std::optional<Frame> waiting;
-    bool waiting_moves = false;  // the waiting frame shows motion
-    cv::Rect waiting_part;       // where; empty: the whole frame is read
-    double read_time = 0;        // time of the latest frame taken for reading, s
-    double whole_time = 0;       // time of the latest one that was read whole
-    int parts = 0;               // frames read in part since then
-    bool in_sight = true;        // plates were in view, or none was searched yet
-    bool restarted = false;      // the waiting frame is the first of its source
-    milliseconds step{0};        // step of the wall clock since its last frame was read
-    VideoReaderState state;      // owned by the thread that serves the camera
+    bool waiting_has_motion = false;  // the waiting frame shows motion
+    cv::Rect waiting_region;          // of the motion; empty: the whole frame is read
+    double read_time = 0;             // time of the latest frame taken for reading, s
+    double whole_time = 0;            // time of the latest one that was read whole
+    int partial_reads = 0;            // frames read in part since then
+    bool plates_in_view = true;       // plates were in view, or none was searched yet
+    bool restarted = false;           // the waiting frame is the first of its source
+    milliseconds step{0};             // step of the wall clock since its last frame was read
+    VideoReaderState state;           // owned by the thread that serves the camera
     std::map<std::int64_t, std::int64_t> ids;  // vehicle ids: the tracker's -> the site's
     CameraReport report;
   };
@@ -125,7 +126,7 @@ class Site {
     Camera& camera = *cameras_[index];
     double wait_s = options_.restart;
     while (!stopped()) {
-      const Clock::time_point begun = Clock::now();
+      const Clock::time_point start = Clock::now();
       std::string reason;
       try {
         feed_from(index);
@@ -135,7 +136,7 @@ class Site {
       } catch (const SourceLostError& error) {
         reason = error.what();
       }
-      if (Clock::now() - begun > seconds(options_.max_restart)) wait_s = options_.restart;
+      if (Clock::now() - start > seconds(options_.max_restart)) wait_s = options_.restart;
       log_warning("{}; it is opened again in {:.0f} s", reason, wait_s);
       SourceStatus status;
       status.state = SourceState::kLost;
@@ -145,7 +146,7 @@ class Site {
         ++camera.report.restarts;
         camera.restarted = true;
       }
-      tell_source(index, status);
+      report_source(index, status);
       sleep_unless_stopped(std::chrono::duration_cast<milliseconds>(seconds(wait_s)),
                            stop_.get_token());
       wait_s = std::min(2 * wait_s, options_.max_restart);
@@ -155,28 +156,28 @@ class Site {
   // Runs until the source ends or the run is stopped.
   void feed_from(std::size_t index) {
     Camera& camera = *cameras_[index];
-    const std::unique_ptr<FrameSource> source = camera.given->open();
+    const std::unique_ptr<FrameSource> source = camera.config->open();
     const bool live = source->is_live();
     const std::int64_t received_before = camera.report.received;
     MotionState motion;
     std::optional<SourceState> last_state;
-    Clock::time_point next_look{};
+    Clock::time_point next_examination{};
     double last_motion = 0;  // time of the frame, s
     bool is_first = true;
     while (!stopped()) {
-      if (live) sleep_until(next_look);
-      std::optional<Frame> frame = source->next(kPatience, stop_.get_token());
+      if (live) sleep_until(next_examination);
+      std::optional<Frame> frame = source->next(kFrameTimeout, stop_.get_token());
       const SourceStatus status = source->status();
       if (status.state != last_state) {
         last_state = status.state;
-        tell_source(index, status);
+        report_source(index, status);
       }
       if (!frame) {
         if (source->ended()) return;
         continue;
       }
-      next_look = std::max(next_look + seconds(1 / options_.max_fps), Clock::now());
-      frame->name = camera.given->name;
+      next_examination = std::max(next_examination + seconds(1 / options_.max_fps), Clock::now());
+      frame->name = camera.config->name;
       frame->still = false;
       const bool moves = has_motion(options_.motion, motion, frame->image, frame->time);
       if (moves || is_first) last_motion = frame->time;
@@ -186,27 +187,29 @@ class Site {
       if (is_first) camera.read_time = camera.whole_time = frame->time;
       is_first = false;
       camera.report.received = received_before + status.received;
-      ++camera.report.looked_at;
+      ++camera.report.examined;
       if (holds) ++camera.report.moving;
       const double waited = frame->time - camera.read_time;
-      if (!holds && waited < options_.idle * (camera.in_sight ? 1 : kEmptyIdle)) continue;
+      if (!holds && waited < options_.idle * (camera.plates_in_view ? 1 : kIdleFactorWithoutPlates))
+        continue;
       if (!live) changed_.wait(lock, [&] { return stopped() || !camera.waiting; });
       // Keeps a waiting frame with motion: a vehicle may drive by while other cameras are read.
-      if (camera.waiting && camera.waiting_moves && !moves) continue;
-      const bool is_spare = !moves && waited < kMaxIdleWaits * options_.idle;
+      if (camera.waiting && camera.waiting_has_motion && !moves) continue;
+      const bool is_low_priority = !moves && waited < kMaxIdleWaits * options_.idle;
       camera.waiting = std::move(*frame);
-      camera.waiting_moves = moves;
-      camera.waiting_part = holds ? part_of(motion, *camera.waiting) : cv::Rect();
-      scheduler_.offer(index, is_spare);
+      camera.waiting_has_motion = moves;
+      camera.waiting_region = holds ? motion_region_of(motion, *camera.waiting) : cv::Rect();
+      scheduler_.offer(index, is_low_priority);
       changed_.notify_all();
     }
   }
 
   // The region of recent motion; empty if that is most of the frame.
-  [[nodiscard]] cv::Rect part_of(const MotionState& motion, const Frame& frame) const {
+  [[nodiscard]] cv::Rect motion_region_of(const MotionState& motion, const Frame& frame) const {
     if (options_.motion.threshold <= 0) return {};
-    const cv::Rect part = moved_part(motion, frame.time - options_.hold, frame.image.size());
-    return part.area() > kLargePart * static_cast<double>(frame.image.total()) ? cv::Rect() : part;
+    const cv::Rect part = motion_box(motion, frame.time - options_.hold, frame.image.size());
+    return part.area() > kMaxPartialShare * static_cast<double>(frame.image.total()) ? cv::Rect()
+                                                                                     : part;
   }
 
   void sleep_until(Clock::time_point due) {
@@ -231,22 +234,22 @@ class Site {
       camera.read_time = frame.time;
       // Standing vehicles are read at intervals, too.
       const bool is_whole =
-          camera.waiting_part.empty() ||
-          (frame.time - camera.whole_time >= options_.idle && camera.parts >= kMinParts);
-      const cv::Rect part = is_whole ? cv::Rect() : camera.waiting_part;
-      camera.parts = is_whole ? 0 : camera.parts + 1;
+          camera.waiting_region.empty() || (frame.time - camera.whole_time >= options_.idle &&
+                                            camera.partial_reads >= kMinPartialReads);
+      const cv::Rect part = is_whole ? cv::Rect() : camera.waiting_region;
+      camera.partial_reads = is_whole ? 0 : camera.partial_reads + 1;
       if (is_whole) camera.whole_time = frame.time;
       const bool restarted = std::exchange(camera.restarted, false);
       const milliseconds step = std::exchange(camera.step, milliseconds(0));
       changed_.notify_all();
       lock.unlock();
-      const double begun = cpu_seconds();
-      const bool in_sight = read(*next, frame, part, restarted, step);
-      const double cost = cpu_seconds() - begun;
+      const double start = cpu_seconds();
+      const bool plates_in_view = read(*next, frame, part, restarted, step);
+      const double cost = cpu_seconds() - start;
       lock.lock();
       camera.report.cpu_s += cost;
-      if (!is_whole) ++camera.report.in_part;
-      camera.in_sight = in_sight || (!is_whole && camera.in_sight);
+      if (!is_whole) ++camera.report.read_partially;
+      camera.plates_in_view = plates_in_view || (!is_whole && camera.plates_in_view);
       ++camera.report.read;
       scheduler_.done(*next, cost);
       changed_.notify_all();
@@ -262,19 +265,19 @@ class Site {
   bool read(std::size_t index, const Frame& frame, const cv::Rect& part, bool restarted,
             milliseconds step) {
     Camera& camera = *cameras_[index];
-    const VideoReader& reader = camera.given->reader;
+    const VideoReader& reader = camera.config->reader;
     // The times of a reopened source restart.
-    if (restarted) say(index, reader.finish(camera.state));
+    if (restarted) report_events(index, reader.finish(camera.state));
     if (step.count() != 0) shift_unsynchronized(camera.state.tracker, step);
-    const FrameMoment seen = moment_of(index, frame);
-    VideoReaderResult result = reader.process(frame, camera.state, seen, nullptr, part);
-    say(index, std::move(result.events));
+    const FrameMoment moment = moment_of(index, frame);
+    VideoReaderResult result = reader.process(frame, camera.state, moment, nullptr, part);
+    report_events(index, std::move(result.events));
     return !result.plates.empty() || !result.tracks.empty();
   }
 
   FrameMoment moment_of(std::size_t index, const Frame& frame) {
     if (!handlers_.moment) return {};
-    const std::lock_guard saying(saying_);
+    const std::lock_guard handlers_lock(handlers_mutex_);
     const SiteMoment moment = handlers_.moment(frame);
     if (moment.step.count() != 0) {
       shift_unsynchronized(cameras_[index]->state.tracker, moment.step);
@@ -282,15 +285,15 @@ class Site {
       for (std::size_t i = 0; i < cameras_.size(); ++i)
         if (i != index) cameras_[i]->step += moment.step;
     }
-    return moment.seen;
+    return moment.frame_moment;
   }
 
   // --- reports ---
 
-  void say(std::size_t index, std::vector<PlateEvent> events) {
+  void report_events(std::size_t index, std::vector<PlateEvent> events) {
     if (events.empty()) return;
     Camera& camera = *cameras_[index];
-    const std::lock_guard saying(saying_);
+    const std::lock_guard handlers_lock(handlers_mutex_);
     for (PlateEvent& event : events) {
       if (event.merged_into != 0) event.merged_into = site_id(camera, event.merged_into);
       const std::int64_t own = event.id;
@@ -303,26 +306,27 @@ class Site {
   }
 
   std::int64_t site_id(Camera& camera, std::int64_t own) {
-    const auto [place, is_new] = camera.ids.emplace(own, next_id_);
+    const auto [entry, is_new] = camera.ids.emplace(own, next_id_);
     if (is_new) ++next_id_;
-    return place->second;
+    return entry->second;
   }
 
-  void tell_source(std::size_t index, const SourceStatus& status) {
-    const std::lock_guard saying(saying_);
+  void report_source(std::size_t index, const SourceStatus& status) {
+    const std::lock_guard handlers_lock(handlers_mutex_);
     if (handlers_.source) handlers_.source(index, status);
   }
 
   const SiteOptions& options_;
   const SiteHandlers& handlers_;
-  std::mutex mutex_;  // guards all below except `next_id_`; taken inside `saying_`, never around it
+  // Guards all below except `next_id_`. Taken inside `handlers_mutex_`, never around it.
+  std::mutex mutex_;
   std::condition_variable changed_;
   FairScheduler scheduler_;
   std::vector<std::unique_ptr<Camera>> cameras_;
   std::size_t feeding_;  // number of feeding threads
   std::exception_ptr error_;
   std::stop_source stop_;
-  std::mutex saying_;  // guards the handlers
+  std::mutex handlers_mutex_;  // guards the handlers
   std::int64_t next_id_ = 1;
   std::stop_callback<std::function<void()>> forward_stop_;  // last: calls end()
 };

@@ -48,7 +48,7 @@ struct SiteCamera {
 
 // The time at which a frame was taken, and the step of the wall clock since the previous frame.
 struct SiteMoment {
-  FrameMoment seen;
+  FrameMoment frame_moment;
   std::chrono::milliseconds step{0};
 };
 
@@ -68,11 +68,11 @@ struct SiteHandlers {
 struct CameraReport {
   std::string name;
   std::int64_t received = 0;  // frames received
-  std::int64_t looked_at = 0;
-  std::int64_t moving = 0;  // of looked_at: during motion or within `hold` after it
+  std::int64_t examined = 0;
+  std::int64_t moving = 0;  // of examined: during motion or within `hold` after it
   std::int64_t read = 0;
-  std::int64_t in_part = 0;   // of read: only the region around motion
-  std::int64_t vehicles = 0;  // closed events
+  std::int64_t read_partially = 0;  // of read: only the region around motion
+  std::int64_t vehicles = 0;        // closed events
   int restarts = 0;
   double cpu_s = 0;  // processor time of reading
 };
@@ -96,7 +96,7 @@ struct CameraReport {
 // loses the same share (FairScheduler). Frames without motion give way to the others for at most
 // ten `idle` periods.
 //
-// During motion, plates are searched in the region around it (moved_part()). The whole frame is
+// During motion, plates are searched in the region around it (motion_box()). The whole frame is
 // searched once per `idle` period, but only after at least four frames that were read in part,
 // because standing vehicles are known already. If nothing moves and no plate is in view, one frame
 // is read every four `idle` periods.

@@ -18,7 +18,7 @@ using testing::ElementsAre;
 using testing::UnorderedElementsAre;
 
 // Frames every 0.1 s, in which a vehicle drives by from frame `vehicle_from` to +10 frames.
-class Drive final : public FrameSource {
+class DriveBySource final : public FrameSource {
  public:
   struct Script {
     int frames = 60;
@@ -26,7 +26,7 @@ class Drive final : public FrameSource {
     int fails_at = -1;  // throws SourceLostError at this frame
     bool ends = true;
   };
-  explicit Drive(const Script& script) : script_(script) {}
+  explicit DriveBySource(const Script& script) : script_(script) {}
 
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
     if (at_ == script_.fails_at) throw SourceLostError("a camera", "its cable was cut");
@@ -59,7 +59,7 @@ class Drive final : public FrameSource {
   std::vector<std::string> skipped_;
 };
 
-// Reads the white plate of a Drive as `text`.
+// Reads the white plate of a DriveBySource as `text`.
 VideoReader reader_of(const std::string& text) {
   return {[text](const Frame& frame, DebugSink*) {
             cv::Mat gray;
@@ -92,9 +92,9 @@ class SiteTest : public testing::Test {
       }
     };
   }
-  void add(const std::string& name, const Drive::Script& script) {
-    cameras_.push_back(
-        {name, [script] { return std::make_unique<Drive>(script); }, reader_of("4725" + name)});
+  void add(const std::string& name, const DriveBySource::Script& script) {
+    cameras_.push_back({name, [script] { return std::make_unique<DriveBySource>(script); },
+                        reader_of("4725" + name)});
   }
   std::vector<CameraReport> run() {
     return run_site(cameras_, options_, handlers_, stop_.get_token());
@@ -108,7 +108,7 @@ class SiteTest : public testing::Test {
   std::set<std::int64_t> ids_;
 };
 
-TEST_F(SiteTest, GivesOneEventAVehicleWhateverTheNumberOfThreads) {
+TEST_F(SiteTest, OneEventPerVehicleWithAnyNumberOfThreads) {
   for (const int threads : {1, 3}) {
     options_.threads = threads;
     closed_.clear();
@@ -122,11 +122,11 @@ TEST_F(SiteTest, GivesOneEventAVehicleWhateverTheNumberOfThreads) {
   }
 }
 
-TEST_F(SiteTest, ReadsFewFramesWhileNothingMoves) {
+TEST_F(SiteTest, ReadsFewFramesWithoutMotion) {
   add("a", {300, 200});
   const CameraReport report = run().at(0);
   EXPECT_EQ(report.received, 300);
-  EXPECT_EQ(report.looked_at, 300);
+  EXPECT_EQ(report.examined, 300);
   EXPECT_THAT(closed_, ElementsAre("4725a@a"));
   EXPECT_EQ(report.vehicles, 1);
   // Frames that are read: two seconds at the start, three seconds with the vehicle plus the
@@ -137,23 +137,23 @@ TEST_F(SiteTest, ReadsFewFramesWhileNothingMoves) {
   EXPECT_EQ(run().at(0).read, 300);
 }
 
-TEST_F(SiteTest, ReadsAroundWhatMovesAndTheWholeFrameNowAndThen) {
+TEST_F(SiteTest, ReadsTheRegionOfMotionAndSometimesTheWholeFrame) {
   std::mutex mutex;
   std::vector<cv::Rect> parts;
   const VideoReader whole = reader_of("4725BKZ");
   cameras_.push_back(
       {"a",
        [] {
-         return std::make_unique<Drive>(Drive::Script{80, 40});
+         return std::make_unique<DriveBySource>(DriveBySource::Script{80, 40});
        },
-       {VideoReader::ReadPart([&](const Frame& frame, const cv::Rect& where, DebugSink*) {
+       {VideoReader::ReadPart([&](const Frame& frame, const cv::Rect& region, DebugSink*) {
           const cv::Rect all(0, 0, frame.image.cols, frame.image.rows);
-          const cv::Rect seen = where.empty() ? all : where;
+          const cv::Rect visible = region.empty() ? all : region;
           const std::lock_guard lock(mutex);
-          parts.push_back(where);
+          parts.push_back(region);
           Frame part = frame;
           part.image = cv::Mat(frame.image.size(), CV_8UC3, cv::Scalar::all(90));
-          frame.image(seen).copyTo(part.image(seen));
+          frame.image(visible).copyTo(part.image(visible));
           VideoReaderState state;
           ReaderResult result;
           result.plates = whole.process(part, state).plates;
@@ -162,24 +162,24 @@ TEST_F(SiteTest, ReadsAroundWhatMovesAndTheWholeFrameNowAndThen) {
         {}}});
   const CameraReport report = run().at(0);
   EXPECT_THAT(closed_, ElementsAre("4725BKZ@a"));  // no part of the vehicle lies outside
-  const auto in_part =
+  const auto partial_reads =
       std::count_if(parts.begin(), parts.end(), [](const cv::Rect& part) { return !part.empty(); });
-  EXPECT_EQ(report.in_part, in_part);
-  EXPECT_GT(in_part, 10);
-  EXPECT_LT(in_part, report.read);
+  EXPECT_EQ(report.read_partially, partial_reads);
+  EXPECT_GT(partial_reads, 10);
+  EXPECT_LT(partial_reads, report.read);
   for (const cv::Rect& part : parts) EXPECT_LE(part.area(), 0.6 * 320 * 180);
 }
 
-TEST_F(SiteTest, OpensAFailedCameraAgainWhileTheOthersGoOn) {
+TEST_F(SiteTest, ReopensAFailedCameraWhileOthersContinue) {
   std::atomic<int> opened = 0;
-  cameras_.push_back(
-      {"bad",
-       [&]() -> std::unique_ptr<FrameSource> {
-         const int attempt = opened++;
-         if (attempt == 1) throw InputError("bad", "no such camera");
-         return std::make_unique<Drive>(Drive::Script{60, 10, attempt == 0 ? 40 : -1, true});
-       },
-       reader_of("BAD1")});
+  cameras_.push_back({"bad",
+                      [&]() -> std::unique_ptr<FrameSource> {
+                        const int attempt = opened++;
+                        if (attempt == 1) throw InputError("bad", "no such camera");
+                        return std::make_unique<DriveBySource>(
+                            DriveBySource::Script{60, 10, attempt == 0 ? 40 : -1, true});
+                      },
+                      reader_of("BAD1")});
   add("good", {60, 10});
   std::vector<std::string> lost;
   handlers_.source = [&](std::size_t camera, const SourceStatus& status) {
@@ -194,7 +194,7 @@ TEST_F(SiteTest, OpensAFailedCameraAgainWhileTheOthersGoOn) {
   EXPECT_THAT(closed_, UnorderedElementsAre("BAD1@bad", "BAD1@bad", "4725good@good"));
 }
 
-TEST_F(SiteTest, EndsWhenItIsStoppedAndSaysWhatWasInSight) {
+TEST_F(SiteTest, ClosesOpenVehiclesWhenStopped) {
   add("a", {45, 30, -1, false});  // and never ends
   handlers_.events = [&, closed = handlers_.events](std::size_t camera,
                                                     const std::vector<PlateEvent>& events) {
@@ -205,7 +205,7 @@ TEST_F(SiteTest, EndsWhenItIsStoppedAndSaysWhatWasInSight) {
   EXPECT_THAT(closed_, ElementsAre("4725a@a"));
 }
 
-TEST_F(SiteTest, EndsWithWhatAHandlerThrows) {
+TEST_F(SiteTest, RethrowsTheExceptionOfAHandler) {
   add("a", {});
   add("b", {100, 20, -1, false});
   handlers_.events = [](std::size_t, const std::vector<PlateEvent>&) {
@@ -218,26 +218,26 @@ TEST_F(SiteTest, EndsWithWhatAHandlerThrows) {
 
 // The frames of the two cameras are read in any order. Each vehicle stays in sight until its source
 // ends. The clock is set when one source may have ended.
-TEST_F(SiteTest, MovesTheTimesOfAllCamerasWhenTheClockIsSet) {
+TEST_F(SiteTest, ClockStepShiftsTheTimesOfAllCameras) {
   add("a", {30, 20});
   add("b", {30, 20});
-  int asked = 0;
+  int call_count = 0;
   handlers_.moment = [&](const Frame&) {
     constexpr int kBefore = 50;
     SiteMoment moment;
-    moment.seen.synchronized = asked >= kBefore;
-    moment.seen.wall = Moment(std::chrono::hours(asked >= kBefore ? 1000 : 0));
-    if (asked++ == kBefore) moment.step = std::chrono::hours(1000);
+    moment.frame_moment.synchronized = call_count >= kBefore;
+    moment.frame_moment.wall = Moment(std::chrono::hours(call_count >= kBefore ? 1000 : 0));
+    if (call_count++ == kBefore) moment.step = std::chrono::hours(1000);
     return moment;
   };
   options_.motion.threshold = 0;
-  std::vector<Moment> seen;
+  std::vector<Moment> last_seen_times;
   handlers_.events = [&](std::size_t, const std::vector<PlateEvent>& events) {
     for (const PlateEvent& event : events)
-      if (event.state == PlateState::kClosed) seen.push_back(event.last_seen);
+      if (event.state == PlateState::kClosed) last_seen_times.push_back(event.last_seen);
   };
   run();
-  EXPECT_THAT(seen,
+  EXPECT_THAT(last_seen_times,
               ElementsAre(Moment(std::chrono::hours(1000)), Moment(std::chrono::hours(1000))));
 }
 

@@ -15,25 +15,25 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr double kNever = -std::numeric_limits<double>::infinity();
+constexpr double kLogZero = -std::numeric_limits<double>::infinity();
 
 // Symbols below these probabilities are not expanded in a column. The limit is lower where a
 // character is likely, because the layouts may exclude all symbols of which the classifier was
 // sure.
-constexpr float kLeast = 1e-4F;
-constexpr float kMinAtCharacter = 1e-6F;
-constexpr float kWider = 1e-4F;  // factor of both limits in a wide search
-constexpr float kSurelyBlank = 0.9999F;
+constexpr float kMinProbability = 1e-4F;
+constexpr float kMinProbabilityAtCharacter = 1e-6F;
+constexpr float kWideSearchFactor = 1e-4F;  // factor of both limits in a wide search
+constexpr float kMinSkippedBlank = 0.9999F;
 
 }  // namespace
 
-Decoder::Tables::Tables(CountryChoice given, const DecodeOptions& how)
-    : choice(std::move(given)), options(how) {
+Decoder::Tables::Tables(CountryChoice country_choice, const DecodeOptions& decode_options)
+    : choice(std::move(country_choice)), options(decode_options) {
   options.check();
   TARSIER_REQUIRE(choice.layouts.size() <= kMaxLayouts, "{} layouts", choice.layouts.size());
   TARSIER_REQUIRE(choice.free_text || !choice.layouts.empty(), "neither layouts nor free text");
   words = std::max<std::size_t>(1, (choice.layouts.size() + 63) / 64);
-  fit.assign(words * kSymbols * kMaxPlaces, 0);
+  fitting.assign(words * kSymbols * kMaxPositions, 0);
   std::map<std::string, double> total;  // weight of each country
   for (const Layout& layout : choice.layouts) {
     TARSIER_REQUIRE(layout.weight > 0 && std::isfinite(layout.weight), "weight {}", layout.weight);
@@ -50,17 +50,17 @@ Decoder::Tables::Tables(CountryChoice given, const DecodeOptions& how)
   for (std::size_t rank = 0; rank < order.size(); ++rank) {
     const Layout& layout = choice.layouts[order[rank]];
     prior.push_back(priors[order[rank]]);
-    length.push_back(layout.places.size());
-    add_places(rank, layout);
+    length.push_back(layout.positions.size());
+    add_positions(rank, layout);
   }
 }
 
 double Decoder::Tables::prior_of(const Layout& layout, double total) const {
-  TARSIER_REQUIRE(!layout.places.empty() && layout.places.size() <= kMaxPlaces,
-                  "a layout of {} places", layout.places.size());
+  TARSIER_REQUIRE(!layout.positions.empty() && layout.positions.size() <= kMaxPositions,
+                  "a layout of {} places", layout.positions.size());
   TARSIER_REQUIRE(layout.prior > 0 && std::isfinite(layout.prior), "prior {}", layout.prior);
   double sum = options.layout_strength * std::log(layout.prior * layout.weight / total);
-  for (const SymbolSet set : layout.places) {
+  for (const SymbolSet set : layout.positions) {
     TARSIER_REQUIRE(set != 0 && set < (SymbolSet{1} << static_cast<unsigned>(kSymbols)),
                     "a place of layout {} allows {:x}", layout.name, set);
     sum += options.specificity * std::log(static_cast<double>(kSymbols) / std::popcount(set));
@@ -68,11 +68,11 @@ double Decoder::Tables::prior_of(const Layout& layout, double total) const {
   return sum;
 }
 
-void Decoder::Tables::add_places(std::size_t rank, const Layout& layout) {
-  for (std::size_t place = 0; place < layout.places.size(); ++place) {
+void Decoder::Tables::add_positions(std::size_t rank, const Layout& layout) {
+  for (std::size_t position = 0; position < layout.positions.size(); ++position) {
     for (int symbol = 0; symbol < kSymbols; ++symbol) {
-      if ((layout.places[place] >> static_cast<unsigned>(symbol) & 1U) != 0) {
-        fit[index(place, symbol) + rank / 64] |= std::uint64_t{1} << (rank % 64);
+      if ((layout.positions[position] >> static_cast<unsigned>(symbol) & 1U) != 0) {
+        fitting[index(position, symbol) + rank / 64] |= std::uint64_t{1} << (rank % 64);
       }
     }
   }
@@ -91,8 +91,8 @@ struct Prefix {
   bool fits = false;      // some layout is still possible
   bool expanded = false;  // `next` is set
   SymbolSet next = 0;     // symbols after which some layout is still possible
-  double promise = 1;     // exp(prior) of the most probable layout that is possible
-  bool kept = false;      // in the beam
+  double best_prior = 1;  // exp(prior) of the most probable layout that is possible
+  bool in_beam = false;
   bool touched = false;
   double blank = 0, character = 0;
   double next_blank = 0, next_character = 0;
@@ -114,38 +114,38 @@ class Search {
       : tables_(tables),
         probabilities_(probabilities),
         wide_(wide),
-        beam_((wide ? 4 : 1) * static_cast<std::size_t>(tables.options.beam)) {
+        beam_size_((wide ? 4 : 1) * static_cast<std::size_t>(tables.options.beam)) {
     Prefix root;
     root.blank = 1;
-    root.kept = true;
+    root.in_beam = true;
     root.fits = !tables_.choice.layouts.empty();
     prefixes_.push_back(root);
     layouts_.assign(tables_.words, 0);
     for (std::size_t k = 0; k < tables_.choice.layouts.size(); ++k) {
       layouts_[k / 64] |= std::uint64_t{1} << (k % 64);
     }
-    kept_ = {0};
+    beam_prefixes_ = {0};
   }
 
   void run() {
     for (int column = 0; column < probabilities_.rows; ++column) {
       const float* row = probabilities_.ptr<float>(column);
-      if (row[kBlank] > kSurelyBlank && !wide_) {
-        pass_blank();
+      if (row[kBlank] > kMinSkippedBlank && !wide_) {
+        skip_blank();
       } else {
-        follow(row);
+        advance(row);
       }
     }
   }
 
   // The complete texts, with their priors.
-  [[nodiscard]] std::vector<Decoded> complete() const {
-    std::vector<Decoded> texts;
+  [[nodiscard]] std::vector<DecodedText> complete() const {
+    std::vector<DecodedText> texts;
     const DecodeOptions& options = tables_.options;
-    for (const int k : kept_) {
+    for (const int k : beam_prefixes_) {
       const Prefix& prefix = prefixes_[static_cast<std::size_t>(k)];
-      Decoded text;
-      double prior = kNever;
+      DecodedText text;
+      double prior = kLogZero;
       tables_.for_each(set_of(k), [&](std::size_t rank) {
         if (tables_.length[rank] != prefix.length) return false;
         prior = tables_.prior[rank];
@@ -158,7 +158,7 @@ class Search {
           prefix.length <= static_cast<std::size_t>(options.max_length)) {
         prior = std::max(prior, -options.free_penalty);
       }
-      if (prior == kNever || !(prefix.sum() > 0)) continue;
+      if (prior == kLogZero || !(prefix.sum() > 0)) continue;
       text.text = text_of(k);
       text.acoustic = log_scale_ + std::log(prefix.sum());
       text.log_score = text.acoustic + prior;
@@ -185,48 +185,50 @@ class Search {
   }
 
   // A certain blank: the texts do not change, and all alignments now end in the blank.
-  void pass_blank() {
-    for (const int k : kept_) {
+  void skip_blank() {
+    for (const int k : beam_prefixes_) {
       at(k).blank += at(k).character;
       at(k).character = 0;
     }
   }
 
-  void follow(const float* row) {
-    const float least = (wide_ ? kWider : 1) * (row[kBlank] < 0.5F ? kMinAtCharacter : kLeast);
+  void advance(const float* row) {
+    const float min_probability =
+        (wide_ ? kWideSearchFactor : 1) *
+        (row[kBlank] < 0.5F ? kMinProbabilityAtCharacter : kMinProbability);
     symbols_.clear();
     for (int symbol = 0; symbol < kSymbols; ++symbol) {
-      if (row[symbol] >= least) symbols_.push_back(symbol);
+      if (row[symbol] >= min_probability) symbols_.push_back(symbol);
     }
     touched_.clear();
-    stay(row);
-    for (const int k : kept_) {
+    keep_texts(row);
+    for (const int k : beam_prefixes_) {
       if (!at(k).expanded) expand(k);
-      collect(k, row);
+      collect_extensions(k, row);
     }
-    for (const bool fits : {true, false}) extend(fits);
+    for (const bool fits : {true, false}) add_extensions(fits);
     prune();
   }
 
   // Adds extensions to the beam: those with a layout, or the others.
-  void extend(bool fits) {
+  void add_extensions(bool fits) {
     std::vector<Extension>& extensions = extensions_[fits ? 1 : 0];
-    const std::size_t most = beam_of(fits);
+    const std::size_t max_size = beam_size_of(fits);
     // Drops extensions that cannot beat the worst prefix of a full beam, and those beyond the
     // beam's size.
     std::size_t full = 0;
-    double least = std::numeric_limits<double>::infinity();
-    for (const int k : kept_) {
+    double min_value = std::numeric_limits<double>::infinity();
+    for (const int k : beam_prefixes_) {
       if (at(k).fits != fits) continue;
       ++full;
-      least = std::min(least, (at(k).next_blank + at(k).next_character) * at(k).promise);
+      min_value = std::min(min_value, (at(k).next_blank + at(k).next_character) * at(k).best_prior);
     }
-    if (full >= most) {
+    if (full >= max_size) {
       std::erase_if(extensions,
-                    [&](const Extension& extension) { return extension.value < least; });
+                    [&](const Extension& extension) { return extension.value < min_value; });
     }
-    if (extensions.size() > 2 * most) {
-      const auto end = extensions.begin() + static_cast<std::ptrdiff_t>(2 * most);
+    if (extensions.size() > 2 * max_size) {
+      const auto end = extensions.begin() + static_cast<std::ptrdiff_t>(2 * max_size);
       std::nth_element(extensions.begin(), end, extensions.end(),
                        [](const Extension& a, const Extension& b) {
                          if (a.value != b.value) return a.value > b.value;
@@ -240,13 +242,13 @@ class Search {
     extensions.clear();
   }
 
-  [[nodiscard]] std::size_t beam_of(bool fits) const {
-    return fits ? beam_ : std::max<std::size_t>(4, beam_ / 2);
+  [[nodiscard]] std::size_t beam_size_of(bool fits) const {
+    return fits ? beam_size_ : std::max<std::size_t>(4, beam_size_ / 2);
   }
 
   // The kept texts without a further character.
-  void stay(const float* row) {
-    for (const int k : kept_) {
+  void keep_texts(const float* row) {
+    for (const int k : beam_prefixes_) {
       Prefix& prefix = at(k);
       touch(k);
       prefix.next_blank = prefix.sum() * static_cast<double>(row[kBlank]);
@@ -256,22 +258,23 @@ class Search {
     }
   }
 
-  void collect(int k, const float* row) {
+  void collect_extensions(int k, const float* row) {
     const Prefix& prefix = at(k);
     const bool may_be_free = tables_.choice.free_text &&
                              prefix.length < static_cast<std::size_t>(tables_.options.max_length);
     for (const int symbol : symbols_) {
       const bool fits = (prefix.next >> static_cast<unsigned>(symbol) & 1U) != 0;
       if (!fits && !may_be_free) continue;
-      const double before =
-          prefix.blank + (symbol == prefix.symbol ? 0 : kDirect * prefix.character);
-      const double gain = before * static_cast<double>(row[symbol]);
+      const double previous =
+          prefix.blank + (symbol == prefix.symbol ? 0 : kDirectTransitionWeight * prefix.character);
+      const double gain = previous * static_cast<double>(row[symbol]);
       if (!(gain > 0)) continue;
       const int child = find_child(k, symbol);
-      if (child >= 0 && at(child).kept) {
+      if (child >= 0 && at(child).in_beam) {
         add(child, gain);
       } else {
-        extensions_[fits ? 1 : 0].push_back({k, symbol, gain, fits ? gain * prefix.promise : gain});
+        extensions_[fits ? 1 : 0].push_back(
+            {k, symbol, gain, fits ? gain * prefix.best_prior : gain});
       }
     }
   }
@@ -290,10 +293,10 @@ class Search {
   void expand(int k) {
     Prefix& prefix = at(k);
     prefix.expanded = true;
-    if (!prefix.fits || prefix.length >= kMaxPlaces) return;
+    if (!prefix.fits || prefix.length >= kMaxPositions) return;
     const std::uint64_t* set = set_of(k);
     for (int symbol = 0; symbol < kSymbols; ++symbol) {
-      const std::uint64_t* allowed = &tables_.fit[tables_.index(prefix.length, symbol)];
+      const std::uint64_t* allowed = &tables_.fitting[tables_.index(prefix.length, symbol)];
       bool any = false;
       for (std::size_t word = 0; word < tables_.words; ++word) {
         any |= (set[word] & allowed[word]) != 0;
@@ -321,13 +324,13 @@ class Search {
     at(k).first_child = index;
     layouts_.resize(layouts_.size() + tables_.words, 0);
     if (child.fits) {
-      const std::uint64_t* allowed = &tables_.fit[tables_.index(at(k).length, symbol)];
+      const std::uint64_t* allowed = &tables_.fitting[tables_.index(at(k).length, symbol)];
       std::uint64_t* set = &layouts_[static_cast<std::size_t>(index) * tables_.words];
       for (std::size_t word = 0; word < tables_.words; ++word) {
         set[word] = set_of(k)[word] & allowed[word];
       }
       tables_.for_each(set, [&](std::size_t rank) {
-        child.promise = std::exp(tables_.prior[rank]);
+        child.best_prior = std::exp(tables_.prior[rank]);
         return true;
       });
     }
@@ -346,38 +349,39 @@ class Search {
       prefix.blank = prefix.next_blank / sum;
       prefix.character = prefix.next_character / sum;
       prefix.next_blank = prefix.next_character = 0;
-      prefix.touched = prefix.kept = false;
+      prefix.touched = prefix.in_beam = false;
     }
     log_scale_ += std::log(sum);
-    const auto middle =
+    const auto boundary =
         std::partition(touched_.begin(), touched_.end(), [this](int k) { return at(k).fits; });
-    kept_.clear();
-    keep(touched_.begin(), middle, beam_of(true));
-    keep(middle, touched_.end(), beam_of(false));
-    for (const int k : kept_) at(k).kept = true;
+    beam_prefixes_.clear();
+    keep_best(touched_.begin(), boundary, beam_size_of(true));
+    keep_best(boundary, touched_.end(), beam_size_of(false));
+    for (const int k : beam_prefixes_) at(k).in_beam = true;
   }
 
-  void keep(std::vector<int>::iterator first, std::vector<int>::iterator last, std::size_t most) {
+  void keep_best(std::vector<int>::iterator first, std::vector<int>::iterator last,
+                 std::size_t max_size) {
     const auto better = [this](int a, int b) {
-      const double value_a = at(a).sum() * at(a).promise;
-      const double value_b = at(b).sum() * at(b).promise;
+      const double value_a = at(a).sum() * at(a).best_prior;
+      const double value_b = at(b).sum() * at(b).best_prior;
       return value_a != value_b ? value_a > value_b : a < b;
     };
-    const auto count = static_cast<std::ptrdiff_t>(most);
+    const auto count = static_cast<std::ptrdiff_t>(max_size);
     if (last - first > count) {
       std::nth_element(first, first + count, last, better);
       last = first + count;
     }
-    kept_.insert(kept_.end(), first, last);
+    beam_prefixes_.insert(beam_prefixes_.end(), first, last);
   }
 
   const Decoder::Tables& tables_;
   const cv::Mat& probabilities_;
   bool wide_;
-  std::size_t beam_;
+  std::size_t beam_size_;
   std::vector<Prefix> prefixes_;
   std::vector<std::uint64_t> layouts_;  // tables_.words per prefix
-  std::vector<int> kept_;
+  std::vector<int> beam_prefixes_;
   std::vector<int> touched_;
   std::vector<int> symbols_;
   std::array<std::vector<Extension>, 2> extensions_;  // of free texts, of layouts
@@ -386,8 +390,8 @@ class Search {
 
 }  // namespace
 
-std::vector<Decoded> search_texts(const Decoder::Tables& tables, const cv::Mat& probabilities,
-                                  bool wide) {
+std::vector<DecodedText> search_texts(const Decoder::Tables& tables, const cv::Mat& probabilities,
+                                      bool wide) {
   Search search(tables, probabilities, wide);
   search.run();
   return search.complete();

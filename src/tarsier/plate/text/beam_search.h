@@ -14,7 +14,7 @@
 namespace tarsier::plate {
 
 inline constexpr int kSymbols = kBlank;
-inline constexpr std::size_t kMaxPlaces = 12;
+inline constexpr std::size_t kMaxPositions = 12;
 inline constexpr std::size_t kMaxLayouts = 2048;
 
 // Everything that is independent of the image. A set of layouts is a bit set. Its bits are ranks:
@@ -22,16 +22,17 @@ inline constexpr std::size_t kMaxLayouts = 2048;
 struct Decoder::Tables {
   CountryChoice choice;
   DecodeOptions options;
-  std::size_t words = 1;            // 64-bit words of a set of layouts
-  std::vector<std::uint64_t> fit;   // for each place and symbol: the set of layouts that allow it
-  std::vector<std::size_t> order;   // by rank: index in choice.layouts
-  std::vector<double> prior;        // by rank, natural logarithm
-  std::vector<std::size_t> length;  // by rank, places
+  std::size_t words = 1;  // 64-bit words of a set of layouts
+  std::vector<std::uint64_t>
+      fitting;                     // for each position and symbol: the set of layouts that allow it
+  std::vector<std::size_t> order;  // by rank: index in choice.layouts
+  std::vector<double> prior;       // by rank, natural logarithm
+  std::vector<std::size_t> length;  // by rank, characters
 
-  Tables(CountryChoice given, const DecodeOptions& how);
+  Tables(CountryChoice country_choice, const DecodeOptions& decode_options);
 
-  [[nodiscard]] std::size_t index(std::size_t place, int symbol) const {
-    return (place * kSymbols + static_cast<std::size_t>(symbol)) * words;
+  [[nodiscard]] std::size_t index(std::size_t position, int symbol) const {
+    return (position * kSymbols + static_cast<std::size_t>(symbol)) * words;
   }
 
   // Calls take(rank) for each layout of the set, most probable first, until take() returns true.
@@ -46,12 +47,12 @@ struct Decoder::Tables {
 
  private:
   [[nodiscard]] double prior_of(const Layout& layout, double total) const;
-  void add_places(std::size_t rank, const Layout& layout);
+  void add_positions(std::size_t rank, const Layout& layout);
 };
 
 // Returns the texts in the beam after the last column, in any order, with their scores. A wide
 // search uses a larger beam and expands nearly every symbol.
-[[nodiscard]] std::vector<Decoded> search_texts(const Decoder::Tables& tables,
-                                                const cv::Mat& probabilities, bool wide);
+[[nodiscard]] std::vector<DecodedText> search_texts(const Decoder::Tables& tables,
+                                                    const cv::Mat& probabilities, bool wide);
 
 }  // namespace tarsier::plate

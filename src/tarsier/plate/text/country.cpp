@@ -29,8 +29,8 @@ constexpr SymbolSet kDigits = (SymbolSet{1} << 10U) - 1;
 constexpr SymbolSet kLetters = ((SymbolSet{1} << 26U) - 1) << 10U;
 constexpr std::size_t kMaxFileBytes = 100'000;
 constexpr std::size_t kMaxLayouts = 1000;  // per file
-constexpr std::size_t kMinPlaces = 2;
-constexpr std::size_t kMaxPlaces = 12;
+constexpr std::size_t kMinPositions = 2;
+constexpr std::size_t kMaxPositions = 12;
 
 SymbolSet set_of(char symbol) { return SymbolSet{1} << static_cast<unsigned>(class_of(symbol)); }
 
@@ -40,9 +40,9 @@ bool is_code(std::string_view text) {
   });
 }
 
-// One expansion of an element of a layout: its places, and its share of the weight.
+// One expansion of an element of a layout: its positions, and its share of the weight.
 struct Alternative {
-  std::vector<SymbolSet> places;
+  std::vector<SymbolSet> positions;
   double share = 1;
 };
 using Element = std::vector<Alternative>;
@@ -67,13 +67,13 @@ Element element_of_words(const std::set<std::string>& words) {
   }
   for (const auto& [key, first] : first_of) {
     Alternative run{{first}, 0};
-    for (const char symbol : key.first) run.places.push_back(set_of(symbol));
-    run.places.push_back(key.second);
+    for (const char symbol : key.first) run.positions.push_back(set_of(symbol));
+    run.positions.push_back(key.second);
     element.push_back(std::move(run));
   }
   for (Alternative& run : element) {
     double count = 1;
-    for (const SymbolSet set : run.places) count *= std::popcount(set);
+    for (const SymbolSet set : run.positions) count *= std::popcount(set);
     run.share = count / static_cast<double>(words.size());
   }
   return element;
@@ -146,9 +146,9 @@ class Parser {
   }
 
   [[nodiscard]] std::string text_of(std::string_view text, std::string_view what,
-                                    std::size_t longest) const {
-    if (text.empty() || text.size() > longest) {
-      fail(fmt::format("a {} has 1..{} bytes", what, longest));
+                                    std::size_t max_size) const {
+    if (text.empty() || text.size() > max_size) {
+      fail(fmt::format("a {} has 1..{} bytes", what, max_size));
     }
     if (std::any_of(text.begin(), text.end(),
                     [](char c) { return static_cast<unsigned char>(c) < 32 || c == 127; })) {
@@ -265,22 +265,22 @@ class Parser {
   }
 
   void expand(std::string_view pattern, const Layout& model) {
-    std::vector<Layout> grown{model};
+    std::vector<Layout> expanded{model};
     const bool marked = pattern.find('|') != std::string_view::npos;
     while (!pattern.empty()) {
       if (is_blank(pattern.front()) || pattern.front() == '|') {
         const bool breaks = marked ? pattern.front() == '|' : true;
         pattern.remove_prefix(1);
-        for (Layout& layout : grown) {
+        for (Layout& layout : expanded) {
           if (breaks && layout.group_break == 0) {
-            layout.group_break = static_cast<int>(layout.places.size());
+            layout.group_break = static_cast<int>(layout.positions.size());
           }
         }
         continue;
       }
       const Element element = next_element(pattern);
       std::vector<Layout> next;
-      for (const Layout& layout : grown) {
+      for (const Layout& layout : expanded) {
         for (const Alternative& alternative : element) {
           // Checked here, not after the loop: thousands of words times a thousand layouts take
           // gigabytes.
@@ -289,20 +289,20 @@ class Parser {
           }
           next.push_back(layout);
           next.back().weight *= alternative.share;
-          next.back().places.insert(next.back().places.end(), alternative.places.begin(),
-                                    alternative.places.end());
-          if (next.back().places.size() > kMaxPlaces) {
-            fail(fmt::format("a layout has {}..{} characters", kMinPlaces, kMaxPlaces));
+          next.back().positions.insert(next.back().positions.end(), alternative.positions.begin(),
+                                       alternative.positions.end());
+          if (next.back().positions.size() > kMaxPositions) {
+            fail(fmt::format("a layout has {}..{} characters", kMinPositions, kMaxPositions));
           }
         }
       }
-      grown = std::move(next);
+      expanded = std::move(next);
     }
-    for (Layout& layout : grown) {
-      if (layout.places.size() < kMinPlaces) {
-        fail(fmt::format("a layout has {}..{} characters", kMinPlaces, kMaxPlaces));
+    for (Layout& layout : expanded) {
+      if (layout.positions.size() < kMinPositions) {
+        fail(fmt::format("a layout has {}..{} characters", kMinPositions, kMaxPositions));
       }
-      if (layout.group_break == static_cast<int>(layout.places.size())) layout.group_break = 0;
+      if (layout.group_break == static_cast<int>(layout.positions.size())) layout.group_break = 0;
       country_.layouts.push_back(std::move(layout));
     }
   }
@@ -319,12 +319,12 @@ class Parser {
 std::string help_for(const std::string& word, const std::vector<Country>& countries) {
   std::set<std::string> known{"any"};
   std::string best;
-  int least = 3;
+  int min_distance = 3;
   const auto consider = [&](const std::string& code, const std::string& spelling) {
     const int distance = edit_distance(lower_case(word), lower_case(spelling));
     const bool near = distance < static_cast<int>(std::max(word.size(), spelling.size()));
-    if (near && distance < least) {
-      least = distance;
+    if (near && distance < min_distance) {
+      min_distance = distance;
       best = code;
     }
   };
@@ -377,12 +377,12 @@ std::vector<Country> read_countries(const std::string& folder) {
 }
 
 CountryChoice choose_countries(const std::vector<Country>& countries,
-                               const std::vector<std::string>& wanted) {
+                               const std::vector<std::string>& requested) {
   CountryChoice choice;
-  choice.free_text = wanted.empty();
+  choice.free_text = requested.empty();
   std::set<std::string> codes;
-  for (const std::string& given : wanted) {
-    const std::string word = lower_case(given);
+  for (const std::string& requested_code : requested) {
+    const std::string word = lower_case(requested_code);
     bool known = word == "any";
     choice.free_text = choice.free_text || known;
     for (const Country& country : countries) {
@@ -392,8 +392,8 @@ CountryChoice choose_countries(const std::vector<Country>& countries,
       }
     }
     if (!known) {
-      throw UsageError(
-          fmt::format("unknown country '{}'{}", printable(given), help_for(word, countries)));
+      throw UsageError(fmt::format("unknown country '{}'{}", printable(requested_code),
+                                   help_for(word, countries)));
     }
   }
   for (const Country& country : countries) {
@@ -403,34 +403,34 @@ CountryChoice choose_countries(const std::vector<Country>& countries,
   return choice;
 }
 
-PlateForm plate_form(double aspect) {
-  if (aspect > 3.7) return PlateForm::kLong;
-  if (aspect > 2.7) return PlateForm::kMiddle;
-  return aspect < 2.3 ? PlateForm::kShort : PlateForm::kBetween;
+AspectRange aspect_range(double aspect) {
+  if (aspect > 3.7) return AspectRange::kLong;
+  if (aspect > 2.7) return AspectRange::kMedium;
+  return aspect < 2.3 ? AspectRange::kShort : AspectRange::kMediumShort;
 }
 
-CountryChoice weighed_by_form(CountryChoice choice, PlateForm form) {
-  constexpr double kRare = 0.1;       // American plates on European cars and the like
-  constexpr double kFitting = 2.5;    // few plates other than 3:1 ones have this form
-  constexpr double kFarAside = 0.04;  // a 4.7:1 plate seen from 55 degrees or more
-  constexpr double kNever = 0.01;
+CountryChoice weighted_by_aspect(CountryChoice choice, AspectRange range) {
+  constexpr double kRareFactor = 0.1;      // American plates on European cars and the like
+  constexpr double kFittingFactor = 2.5;   // few plates other than 3:1 ones have this form
+  constexpr double kObliqueFactor = 0.04;  // a 4.7:1 plate seen from 55 degrees or more
+  constexpr double kExcludedFactor = 0.01;
   for (Layout& layout : choice.layouts) {
     if (layout.aspect <= 0) continue;
     const bool is_short = layout.aspect < 2.4;
     const bool is_long = layout.aspect > 4;
-    switch (form) {
-      case PlateForm::kLong:
-        if (!is_long) layout.prior *= is_short ? kNever : kRare;
+    switch (range) {
+      case AspectRange::kLong:
+        if (!is_long) layout.prior *= is_short ? kExcludedFactor : kRareFactor;
         break;
-      case PlateForm::kMiddle:
-        if (is_short) layout.prior *= kNever;
-        if (!is_short && !is_long) layout.prior *= kFitting;
+      case AspectRange::kMedium:
+        if (is_short) layout.prior *= kExcludedFactor;
+        if (!is_short && !is_long) layout.prior *= kFittingFactor;
         break;
-      case PlateForm::kBetween:
-        if (is_long) layout.prior *= kFarAside;
+      case AspectRange::kMediumShort:
+        if (is_long) layout.prior *= kObliqueFactor;
         break;
-      case PlateForm::kShort:
-        if (is_long) layout.prior *= kFarAside;
+      case AspectRange::kShort:
+        if (is_long) layout.prior *= kObliqueFactor;
         break;
     }
   }

@@ -15,10 +15,10 @@ using SymbolSet = std::uint64_t;
 
 // One kind of plate text, e.g. "DDDD LLL", with its own set of letters.
 struct Layout {
-  std::string country;            // code of the country, from the file name: "es"
-  std::string name;               // "now", "old (province)"
-  std::vector<SymbolSet> places;  // one for each character, without spaces; 2..12
-  // Place before which the wide gap or the second row begins; 0 if there is none.
+  std::string country;               // code of the country, from the file name: "es"
+  std::string name;                  // "now", "old (province)"
+  std::vector<SymbolSet> positions;  // one for each character, without spaces; 2..12
+  // Position before which the wide gap or the second row begins; 0 if there is none.
   int group_break = 0;
   double weight = 1;  // frequency relative to the country's other layouts; > 0
   double prior = 1;   // frequency of the country's plates relative to other countries; > 0
@@ -42,10 +42,10 @@ struct Country {
 //   words P = M B V SE                one letter that stands for any of these words
 //   DDDD CCC   weight 10   name now   a layout; weight (1) and name are optional
 // In a layout, D is a digit, L a letter and A either of them. [B] and [XYZ] are the symbols
-// themselves, and a digit is itself. A '?' makes the place before it optional. A space is the gap
-// between groups; a two-row plate breaks at the first gap. A '|' marks the row break if it is not
-// at the first gap. Words and optional places expand one line into several layouts, which share its
-// weight.
+// themselves, and a digit is itself. A '?' makes the position before it optional. A space is the
+// gap between groups; a two-row plate breaks at the first gap. A '|' marks the row break if it is
+// not at the first gap. Words and optional positions expand one line into several layouts, which
+// share its weight.
 //
 // The code is the file's name without its folder and extension. `name` is the file name, also used
 // in errors. Throws InputError with the line number.
@@ -62,16 +62,16 @@ struct CountryChoice {
   bool free_text = false;  // allows texts that fit no layout, with a penalty
 };
 [[nodiscard]] CountryChoice choose_countries(const std::vector<Country>& countries,
-                                             const std::vector<std::string>& wanted);
+                                             const std::vector<std::string>& requested);
 
-// The form of a plate of one row, by its width / height.
-enum class PlateForm {
-  kLong,     // above 3.7: neither a 2:1 nor a 3:1 plate
-  kMiddle,   // above 2.7: not a 2:1 plate; a 4.7:1 plate only if seen from the side
-  kBetween,  // a 2:1 or 3:1 plate, hardly a 4.7:1 plate
-  kShort     // below 2.3: hardly a 4.7:1 plate
+// The width / height of a plate of one row.
+enum class AspectRange {
+  kLong,         // above 3.7: neither a 2:1 nor a 3:1 plate
+  kMedium,       // above 2.7: not a 2:1 plate; a 4.7:1 plate only if seen from the side
+  kMediumShort,  // a 2:1 or 3:1 plate, hardly a 4.7:1 plate
+  kShort         // below 2.3: hardly a 4.7:1 plate
 };
-[[nodiscard]] PlateForm plate_form(double aspect);
-[[nodiscard]] CountryChoice weighed_by_form(CountryChoice choice, PlateForm form);
+[[nodiscard]] AspectRange aspect_range(double aspect);
+[[nodiscard]] CountryChoice weighted_by_aspect(CountryChoice choice, AspectRange range);
 
 }  // namespace tarsier::plate

@@ -19,10 +19,10 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 bool fits(const Layout& layout, const std::string& text) {
-  if (text.size() != layout.places.size()) return false;
+  if (text.size() != layout.positions.size()) return false;
   for (std::size_t k = 0; k < text.size(); ++k) {
     const auto shift = static_cast<unsigned>(class_of(text[k]));
-    if ((layout.places[k] >> shift & 1U) == 0) return false;
+    if ((layout.positions[k] >> shift & 1U) == 0) return false;
   }
   return true;
 }
@@ -33,7 +33,7 @@ int layouts_of(const Country& country, const std::string& text) {
   return count;
 }
 
-std::string refusal(const std::string& text, const std::string& name = "xx.txt") {
+std::string error_of(const std::string& text, const std::string& name = "xx.txt") {
   try {
     (void)parse_country(text, name);
   } catch (const InputError& error) {
@@ -44,7 +44,7 @@ std::string refusal(const std::string& text, const std::string& name = "xx.txt")
   return "accepted";
 }
 
-TEST(CountryTest, ALayoutAllowsItsSymbolsOnly) {
+TEST(CountryTest, LayoutAllowsOnlyItsSymbols) {
   const Country country = parse_country(
       "# Spain\r\nname Spain\ngroup eu\n"
       "set C = BCDFGHJKLMNPRSTVWXYZ\n"
@@ -65,7 +65,7 @@ TEST(CountryTest, ALayoutAllowsItsSymbolsOnly) {
   EXPECT_FALSE(fits(layout, "1234BC"));
 }
 
-TEST(CountryTest, WordsBecomeExactlyThoseWordsAndShareTheWeight) {
+TEST(CountryTest, WordsExpandExactlyAndShareTheWeight) {
   const std::set<std::string> words{"M", "B", "SE", "SA", "GE", "GA", "GI", "ABC", "ABD"};
   std::string line = "words P =";
   for (const std::string& word : words) line += " " + word;
@@ -73,7 +73,7 @@ TEST(CountryTest, WordsBecomeExactlyThoseWordsAndShareTheWeight) {
   double weight = 0;
   for (const Layout& layout : country.layouts) {
     weight += layout.weight;
-    EXPECT_EQ(layout.group_break, static_cast<int>(layout.places.size()) - 2);
+    EXPECT_EQ(layout.group_break, static_cast<int>(layout.positions.size()) - 2);
   }
   EXPECT_NEAR(weight, 9, 1e-12);
   EXPECT_LT(country.layouts.size(), words.size());
@@ -86,7 +86,7 @@ TEST(CountryTest, WordsBecomeExactlyThoseWordsAndShareTheWeight) {
   }
 }
 
-TEST(CountryTest, OptionalPlacesLiteralsAndMarkedBreaks) {
+TEST(CountryTest, ParsesOptionalPositionsLiteralsAndRowBreaks) {
   const Country country = parse_country("[B] DDD? LLL\n1 A|[XYZ]D weight 0.5\n", "ro.txt");
   EXPECT_EQ(layouts_of(country, "B12ABC"), 1);
   EXPECT_EQ(layouts_of(country, "B123ABC"), 1);
@@ -98,52 +98,52 @@ TEST(CountryTest, OptionalPlacesLiteralsAndMarkedBreaks) {
   EXPECT_EQ(country.layouts.back().group_break, 2);
 }
 
-TEST(CountryTest, ABadLineIsNamed) {
-  EXPECT_THAT(refusal("DDD\nnonsense here\n"), HasSubstr("line 2: 'nonsense'"));
-  EXPECT_THAT(refusal("\n\nDDX\n"), HasSubstr("line 3: 'X' stands for nothing"));
-  EXPECT_THAT(refusal("D\n"), HasSubstr("2..12"));
-  EXPECT_THAT(refusal("DDDDDDDDDDDDD\n"), HasSubstr("2..12"));
-  EXPECT_THAT(refusal("DD?\nD?D?D?\n"), HasSubstr("line 1"));
-  EXPECT_THAT(refusal("DDD weight -1\n"), HasSubstr("weight '-1'"));
-  EXPECT_THAT(refusal("DDD weight nan\n"), HasSubstr("weight 'nan'"));
-  EXPECT_THAT(refusal("DDD weight\n"), HasSubstr("weight ''"));
-  EXPECT_THAT(refusal("DDD wieght 2\n"), HasSubstr("'wieght'"));
-  EXPECT_THAT(refusal("set C BCD\nCC\n"), HasSubstr("expected 'set C = ...'"));
-  EXPECT_THAT(refusal("set D = 1\nDD\n"), HasSubstr("already"));
-  EXPECT_THAT(refusal("set C =\nCC\n"), HasSubstr("without symbols"));
-  EXPECT_THAT(refusal("set C = b\nCC\n"), HasSubstr("'b'"));
-  EXPECT_THAT(refusal("DD[AB\n"), HasSubstr("']'"));
-  EXPECT_THAT(refusal("DD[]D\n"), HasSubstr("']'"));
-  EXPECT_THAT(refusal("name\x01 x\nDD\n"), HasSubstr("\\x01"));
-  EXPECT_THAT(refusal("name Spain\n"), HasSubstr("no layout"));
-  EXPECT_THAT(refusal(""), HasSubstr("no layout"));
-  EXPECT_THAT(refusal("group EU\nDD\n"), HasSubstr("'EU'"));
-  EXPECT_THAT(refusal("DD\n", "any.txt"), HasSubstr("'any'"));
-  EXPECT_THAT(refusal("DD\n", "Spain Old.txt"), HasSubstr("Spain Old"));
-  EXPECT_THAT(refusal(std::string(200'000, '#')), HasSubstr("200000 bytes"));
-  EXPECT_THAT(refusal("A?A?A?A?A?A?A?A?A?A?A?A?\n"), HasSubstr("line 1: more than"));
-  EXPECT_NE(refusal(std::string("\0\xFF\x80[[??||", 8)), "accepted");
+TEST(CountryTest, ErrorNamesTheLine) {
+  EXPECT_THAT(error_of("DDD\nnonsense here\n"), HasSubstr("line 2: 'nonsense'"));
+  EXPECT_THAT(error_of("\n\nDDX\n"), HasSubstr("line 3: 'X' stands for nothing"));
+  EXPECT_THAT(error_of("D\n"), HasSubstr("2..12"));
+  EXPECT_THAT(error_of("DDDDDDDDDDDDD\n"), HasSubstr("2..12"));
+  EXPECT_THAT(error_of("DD?\nD?D?D?\n"), HasSubstr("line 1"));
+  EXPECT_THAT(error_of("DDD weight -1\n"), HasSubstr("weight '-1'"));
+  EXPECT_THAT(error_of("DDD weight nan\n"), HasSubstr("weight 'nan'"));
+  EXPECT_THAT(error_of("DDD weight\n"), HasSubstr("weight ''"));
+  EXPECT_THAT(error_of("DDD wieght 2\n"), HasSubstr("'wieght'"));
+  EXPECT_THAT(error_of("set C BCD\nCC\n"), HasSubstr("expected 'set C = ...'"));
+  EXPECT_THAT(error_of("set D = 1\nDD\n"), HasSubstr("already"));
+  EXPECT_THAT(error_of("set C =\nCC\n"), HasSubstr("without symbols"));
+  EXPECT_THAT(error_of("set C = b\nCC\n"), HasSubstr("'b'"));
+  EXPECT_THAT(error_of("DD[AB\n"), HasSubstr("']'"));
+  EXPECT_THAT(error_of("DD[]D\n"), HasSubstr("']'"));
+  EXPECT_THAT(error_of("name\x01 x\nDD\n"), HasSubstr("\\x01"));
+  EXPECT_THAT(error_of("name Spain\n"), HasSubstr("no layout"));
+  EXPECT_THAT(error_of(""), HasSubstr("no layout"));
+  EXPECT_THAT(error_of("group EU\nDD\n"), HasSubstr("'EU'"));
+  EXPECT_THAT(error_of("DD\n", "any.txt"), HasSubstr("'any'"));
+  EXPECT_THAT(error_of("DD\n", "Spain Old.txt"), HasSubstr("Spain Old"));
+  EXPECT_THAT(error_of(std::string(200'000, '#')), HasSubstr("200000 bytes"));
+  EXPECT_THAT(error_of("A?A?A?A?A?A?A?A?A?A?A?A?\n"), HasSubstr("line 1: more than"));
+  EXPECT_NE(error_of(std::string("\0\xFF\x80[[??||", 8)), "accepted");
 }
 
 // Nine hundred layouts times thousands of words would take gigabytes. So they are counted before
 // they are expanded.
-TEST(CountryTest, WordsTimesLayoutsAreBounded) {
+TEST(CountryTest, LimitsTheNumberOfLayouts) {
   constexpr std::string_view kSymbols = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789";
-  const auto words = [&](std::size_t most) {  // no two of them can be merged into one run
+  const auto words = [&](std::size_t count) {  // no two of them can be merged into one run
     std::string text;
-    for (std::size_t i = 0; i < most; ++i) {
-      const std::size_t middle = i % 1296;
-      text += {' ', kSymbols[i / 1296], kSymbols[middle / 36], kSymbols[middle % 36],
-               kSymbols[i / 1296]};
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::size_t inner = i % 1296;
+      text +=
+          {' ', kSymbols[i / 1296], kSymbols[inner / 36], kSymbols[inner % 36], kSymbols[i / 1296]};
     }
     return text;
   };
-  EXPECT_THAT(refusal("words P =" + words(900) + "\nwords Q =" + words(15'000) + "\nP Q\n"),
+  EXPECT_THAT(error_of("words P =" + words(900) + "\nwords Q =" + words(15'000) + "\nP Q\n"),
               HasSubstr("line 3: more than 1000 layouts"));
 }
 
 // Existing plates, and some texts that are no valid plate.
-TEST(CountryTest, TheFilesThatShipKnowTheirPlates) {
+TEST(CountryTest, ShippedFilesMatchExistingPlates) {
   const std::vector<Country> countries = read_countries(TARSIER_SOURCE_MODELS "/countries");
   const auto known = [&](const std::string& code, const std::string& text) {
     for (const Country& country : countries) {
@@ -195,9 +195,9 @@ TEST(CountryTest, TheFilesThatShipKnowTheirPlates) {
   EXPECT_LT(choose_countries(countries, {}).layouts.size(), 1000U);
 }
 
-class FolderOfCountries : public FolderTest {};
+class CountryFolder : public FolderTest {};
 
-TEST_F(FolderOfCountries, AreReadByCodeAndChosenByCodeOrGroup) {
+TEST_F(CountryFolder, CountriesAreChosenByCodeOrGroup) {
   write_file_atomically(path("sk.txt"), "group eu\nLLDDDLL\n");
   write_file_atomically(path("es.txt"), "name Spain\ngroup eu\nDDDDLLL\n");
   write_file_atomically(path("us.txt"), "name United States\nLLLDDDD\nLLLDDD\n");
@@ -218,11 +218,11 @@ TEST_F(FolderOfCountries, AreReadByCodeAndChosenByCodeOrGroup) {
   }
 }
 
-TEST_F(FolderOfCountries, AnUnknownCountryNamesTheNearest) {
+TEST_F(CountryFolder, ErrorSuggestsTheNearestCode) {
   write_file_atomically(path("es.txt"), "name Spain\ngroup eu\nDDDDLLL\n");
   write_file_atomically(path("br.txt"), "name Brazil\nLLLDDDD\n");
   const std::vector<Country> countries = read_countries(folder_);
-  const auto complaint = [&](const std::string& word) -> std::string {
+  const auto error_of_choice = [&](const std::string& word) -> std::string {
     try {
       (void)choose_countries(countries, {word});
     } catch (const UsageError& error) {
@@ -230,14 +230,14 @@ TEST_F(FolderOfCountries, AnUnknownCountryNamesTheNearest) {
     }
     return "accepted";
   };
-  EXPECT_THAT(complaint("brr"), HasSubstr("'br'"));
-  EXPECT_THAT(complaint("spain"), HasSubstr("did you mean 'es'?"));
-  EXPECT_THAT(complaint("zzzz"), HasSubstr("known: any br es eu"));
-  EXPECT_THAT(complaint(""), HasSubstr("unknown country ''"));
-  EXPECT_THAT(complaint("\x1b[2J"), Not(HasSubstr("\x1b")));
+  EXPECT_THAT(error_of_choice("brr"), HasSubstr("'br'"));
+  EXPECT_THAT(error_of_choice("spain"), HasSubstr("did you mean 'es'?"));
+  EXPECT_THAT(error_of_choice("zzzz"), HasSubstr("known: any br es eu"));
+  EXPECT_THAT(error_of_choice(""), HasSubstr("unknown country ''"));
+  EXPECT_THAT(error_of_choice("\x1b[2J"), Not(HasSubstr("\x1b")));
 }
 
-TEST_F(FolderOfCountries, ABadFileIsAnErrorThatNamesIt) {
+TEST_F(CountryFolder, ErrorNamesTheFile) {
   write_file_atomically(path("es.txt"), "DDDDLLL\nDDDD?!\n");
   try {
     (void)read_countries(folder_);
@@ -251,39 +251,39 @@ TEST_F(FolderOfCountries, ABadFileIsAnErrorThatNamesIt) {
   EXPECT_THROW((void)read_countries(folder_), InputError);
 }
 
-TEST(PlateFormTest, APlateOfAnotherFormIsLessLikelyToBeTheCountrys) {
+TEST(AspectRangeTest, PriorsFollowTheAspectRatio) {
   CountryChoice choice;
   for (const char* text : {"aspect 2\ncars 100\nLLLDDD\n", "aspect 4.7\nLLLDDD\n", "LLLDDD\n",
                            "aspect 3.1\nLLLDDD\n"}) {
     const Country country = parse_country(text, "xx.txt");
     choice.layouts.push_back(country.layouts.at(0));
   }
-  EXPECT_EQ(plate_form(4.5), PlateForm::kLong);
-  EXPECT_EQ(plate_form(3.1), PlateForm::kMiddle);
-  EXPECT_EQ(plate_form(2.5), PlateForm::kBetween);
-  EXPECT_EQ(plate_form(1.9), PlateForm::kShort);
-  const auto priors = [&](PlateForm form) {
+  EXPECT_EQ(aspect_range(4.5), AspectRange::kLong);
+  EXPECT_EQ(aspect_range(3.1), AspectRange::kMedium);
+  EXPECT_EQ(aspect_range(2.5), AspectRange::kMediumShort);
+  EXPECT_EQ(aspect_range(1.9), AspectRange::kShort);
+  const auto priors = [&](AspectRange form) {
     std::vector<double> result;
-    for (const Layout& layout : weighed_by_form(choice, form).layouts)
+    for (const Layout& layout : weighted_by_aspect(choice, form).layouts)
       result.push_back(layout.prior);
     return result;
   };
-  const std::vector<double> between = priors(PlateForm::kBetween);
-  EXPECT_EQ(between[0], 10);
-  EXPECT_LT(between[1], between[2]);
-  EXPECT_EQ(between[3], 1);
-  const std::vector<double> seen_long = priors(PlateForm::kLong);
-  EXPECT_LT(seen_long[0], seen_long[1]);
-  EXPECT_LT(seen_long[3], seen_long[1]);
-  EXPECT_EQ(seen_long[2], 1);
-  const std::vector<double> seen_middle = priors(PlateForm::kMiddle);
-  EXPECT_LT(seen_middle[0], seen_middle[1]);
-  EXPECT_LT(seen_middle[1], seen_middle[3]);
-  EXPECT_EQ(seen_middle[1], 1);
-  EXPECT_EQ(seen_middle[2], 1);
-  const std::vector<double> seen_short = priors(PlateForm::kShort);
-  EXPECT_LT(seen_short[1], seen_short[2]);
-  EXPECT_EQ(seen_short[0], 10);
+  const std::vector<double> priors_medium_short = priors(AspectRange::kMediumShort);
+  EXPECT_EQ(priors_medium_short[0], 10);
+  EXPECT_LT(priors_medium_short[1], priors_medium_short[2]);
+  EXPECT_EQ(priors_medium_short[3], 1);
+  const std::vector<double> priors_long = priors(AspectRange::kLong);
+  EXPECT_LT(priors_long[0], priors_long[1]);
+  EXPECT_LT(priors_long[3], priors_long[1]);
+  EXPECT_EQ(priors_long[2], 1);
+  const std::vector<double> priors_medium = priors(AspectRange::kMedium);
+  EXPECT_LT(priors_medium[0], priors_medium[1]);
+  EXPECT_LT(priors_medium[1], priors_medium[3]);
+  EXPECT_EQ(priors_medium[1], 1);
+  EXPECT_EQ(priors_medium[2], 1);
+  const std::vector<double> priors_short = priors(AspectRange::kShort);
+  EXPECT_LT(priors_short[1], priors_short[2]);
+  EXPECT_EQ(priors_short[0], 10);
   EXPECT_THROW((void)parse_country("aspect wide\nLLL\n", "xx.txt"), InputError);
 }
 

@@ -12,7 +12,7 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr double kNever = -std::numeric_limits<double>::infinity();
+constexpr double kLogZero = -std::numeric_limits<double>::infinity();
 
 int class_of_state(const std::vector<int>& classes, std::size_t state) {
   return state % 2 == 0 ? kBlank : classes[state / 2];
@@ -33,22 +33,23 @@ double log_probability(const cv::Mat& probabilities, const std::vector<int>& cla
     const float* row = probabilities.ptr<float>(column);
     double sum = 0;
     for (std::size_t state = states; state-- > 0;) {  // descending, so that one array is enough
-      double arrives = forward[state];
+      double incoming = forward[state];
       if (column == 0) {
-        arrives = state < 2 ? 1 : 0;
+        incoming = state < 2 ? 1 : 0;
       } else {
-        if (state >= 1) arrives += forward[state - 1];
-        if (may_skip_blank(classes, state)) arrives += kDirect * forward[state - 2];
+        if (state >= 1) incoming += forward[state - 1];
+        if (may_skip_blank(classes, state))
+          incoming += kDirectTransitionWeight * forward[state - 2];
       }
-      forward[state] = arrives * static_cast<double>(row[class_of_state(classes, state)]);
+      forward[state] = incoming * static_cast<double>(row[class_of_state(classes, state)]);
       sum += forward[state];
     }
-    if (!(sum > 0)) return kNever;
+    if (!(sum > 0)) return kLogZero;
     for (double& value : forward) value /= sum;
     log_scale += std::log(sum);
   }
-  const double ends = forward[states - 1] + (states > 1 ? forward[states - 2] : 0);
-  return ends > 0 ? log_scale + std::log(ends) : kNever;
+  const double final_probability = forward[states - 1] + (states > 1 ? forward[states - 2] : 0);
+  return final_probability > 0 ? log_scale + std::log(final_probability) : kLogZero;
 }
 
 std::vector<std::pair<int, int>> best_alignment(const cv::Mat& probabilities,
@@ -56,10 +57,10 @@ std::vector<std::pair<int, int>> best_alignment(const cv::Mat& probabilities,
   const std::size_t states = 2 * classes.size() + 1;
   const auto columns = static_cast<std::size_t>(probabilities.rows);
   if (columns == 0) return {};
-  static const double log_direct = std::log(kDirect);
-  std::vector<double> score(states, kNever);
+  static const double log_direct = std::log(kDirectTransitionWeight);
+  std::vector<double> score(states, kLogZero);
   std::vector<std::uint8_t> steps(states * columns, 0);  // number of states to go back
-  const auto log_of = [](float p) { return p > 0 ? std::log(static_cast<double>(p)) : kNever; };
+  const auto log_of = [](float p) { return p > 0 ? std::log(static_cast<double>(p)) : kLogZero; };
   for (std::size_t column = 0; column < columns; ++column) {
     const float* row = probabilities.ptr<float>(static_cast<int>(column));
     const double log_blank = log_of(row[kBlank]);
@@ -67,7 +68,7 @@ std::vector<std::pair<int, int>> best_alignment(const cv::Mat& probabilities,
       double best = score[state];
       std::uint8_t step = 0;
       if (column == 0) {
-        best = state < 2 ? 0 : kNever;
+        best = state < 2 ? 0 : kLogZero;
       } else {
         if (state >= 1 && score[state - 1] > best) {
           best = score[state - 1];
@@ -84,7 +85,7 @@ std::vector<std::pair<int, int>> best_alignment(const cv::Mat& probabilities,
   }
   std::size_t state = states - 1;
   if (states > 1 && score[states - 2] > score[states - 1]) state = states - 2;
-  if (score[state] == kNever) return {};
+  if (score[state] == kLogZero) return {};
   std::vector<std::pair<int, int>> spans(classes.size(), {-1, -1});
   for (std::size_t column = columns; column-- > 0;) {
     if (state % 2 == 1) {

@@ -14,7 +14,7 @@ namespace tarsier::plate {
 // Weight of a character that follows another one without a blank between them; the paper uses 1.
 // The network is trained with blanks on both sides of each character's middle, so a direct change
 // is mostly one character read as two (an O as "O0").
-inline constexpr double kDirect = 0.001;
+inline constexpr double kDirectTransitionWeight = 0.001;
 
 // Natural logarithm of the probability that the columns show `classes` (numbers below kBlank). The
 // columns are the rows of `probabilities`, CV_32F, kClasses wide. The result is minus infinity if

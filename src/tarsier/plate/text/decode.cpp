@@ -15,7 +15,7 @@
 namespace tarsier::plate {
 void DecodeOptions::check() const {
   check_fields(*this);
-  static_assert(kMaxPlaces == 12);  // the upper limit in fields()
+  static_assert(kMaxPositions == 12);  // the upper limit in fields()
   TARSIER_REQUIRE(min_length <= max_length, "lengths {}..{}", min_length, max_length);
 }
 
@@ -27,47 +27,49 @@ std::vector<int> classes_of(const std::string& text) {
   return classes;
 }
 
-void sort_best_first(std::vector<Decoded>& texts) {
-  std::sort(texts.begin(), texts.end(), [](const Decoded& a, const Decoded& b) {
+void sort_best_first(std::vector<DecodedText>& texts) {
+  std::sort(texts.begin(), texts.end(), [](const DecodedText& a, const DecodedText& b) {
     return a.log_score != b.log_score ? a.log_score > b.log_score : a.text < b.text;
   });
 }
 
-// Weight of each symbol at each place, given the characters of `classes` before it.
-std::vector<std::array<double, kSymbols>> allowances(const Decoder::Tables& tables,
-                                                     const std::vector<int>& classes) {
+// Weight of each symbol at each position, given the characters of `classes` before it.
+std::vector<std::array<double, kSymbols>> symbol_weights(const Decoder::Tables& tables,
+                                                         const std::vector<int>& classes) {
   const double free = tables.choice.free_text ? std::exp(-tables.options.free_penalty) : 0;
   std::vector<std::array<double, kSymbols>> result(classes.size());
   std::vector<std::uint64_t> set(tables.words, ~std::uint64_t{0});
-  for (std::size_t place = 0; place < classes.size(); ++place) {
-    result[place].fill(free);
-    for (int symbol = 0; symbol < kSymbols && place < kMaxPlaces; ++symbol) {
-      const std::uint64_t* fit = &tables.fit[tables.index(place, symbol)];
+  for (std::size_t position = 0; position < classes.size(); ++position) {
+    result[position].fill(free);
+    for (int symbol = 0; symbol < kSymbols && position < kMaxPositions; ++symbol) {
+      const std::uint64_t* fitting = &tables.fitting[tables.index(position, symbol)];
       bool any = false;
-      for (std::size_t word = 0; word < tables.words; ++word) any |= (set[word] & fit[word]) != 0;
-      if (any) result[place][static_cast<std::size_t>(symbol)] = 1;
+      for (std::size_t word = 0; word < tables.words; ++word)
+        any |= (set[word] & fitting[word]) != 0;
+      if (any) result[position][static_cast<std::size_t>(symbol)] = 1;
     }
-    const std::uint64_t* fit = &tables.fit[tables.index(place, classes[place])];
-    for (std::size_t word = 0; word < tables.words; ++word) set[word] &= fit[word];
+    const std::uint64_t* fitting = &tables.fitting[tables.index(position, classes[position])];
+    for (std::size_t word = 0; word < tables.words; ++word) set[word] &= fitting[word];
   }
   return result;
 }
 
-void align(Decoded& text, const Decoder::Tables& tables, const cv::Mat& probabilities) {
+void align(DecodedText& text, const Decoder::Tables& tables, const cv::Mat& probabilities) {
   const std::vector<int> classes = classes_of(text.text);
   text.columns = best_alignment(probabilities, classes);
-  const auto allowed = allowances(tables, classes);
-  for (std::size_t place = 0; place < text.columns.size(); ++place) {
-    const auto own = static_cast<std::size_t>(classes[place]);
+  const auto allowed = symbol_weights(tables, classes);
+  for (std::size_t position = 0; position < text.columns.size(); ++position) {
+    const auto own = static_cast<std::size_t>(classes[position]);
     double peak = -1;
     double share = 0;
-    for (int column = text.columns[place].first; column <= text.columns[place].second; ++column) {
+    for (int column = text.columns[position].first; column <= text.columns[position].second;
+         ++column) {
       const float* row = probabilities.ptr<float>(column);
       if (static_cast<double>(row[own]) <= peak) continue;
       peak = static_cast<double>(row[own]);
       double sum = static_cast<double>(row[kBlank]);
       for (std::size_t symbol = 0; symbol < kSymbols; ++symbol) {
-        const double weight = symbol == own ? 1 : allowed[place][symbol];
+        const double weight = symbol == own ? 1 : allowed[position][symbol];
         sum += weight * static_cast<double>(row[symbol]);
       }
       share = sum > 0 ? peak / sum : 0;
@@ -103,12 +105,12 @@ Decoder::Decoder(Decoder&&) noexcept = default;
 Decoder& Decoder::operator=(Decoder&&) noexcept = default;
 const CountryChoice& Decoder::choice() const { return tables_->choice; }
 
-std::vector<Decoded> Decoder::decode(const cv::Mat& probabilities) const {
+std::vector<DecodedText> Decoder::decode(const cv::Mat& probabilities) const {
   require_probabilities(probabilities);
   const DecodeOptions& options = tables_->options;
   // The second, wider search is for images in which a character required by the layouts is hardly
   // visible.
-  std::vector<Decoded> texts;
+  std::vector<DecodedText> texts;
   for (int attempt = 0; attempt < 2 && texts.empty(); ++attempt) {
     texts = search_texts(*tables_, probabilities, attempt > 0);
   }
@@ -123,20 +125,20 @@ std::vector<Decoded> Decoder::decode(const cv::Mat& probabilities) const {
   }
   sort_best_first(texts);
   double total = 0;
-  for (const Decoded& text : texts) total += std::exp(text.log_score - texts.front().log_score);
+  for (const DecodedText& text : texts) total += std::exp(text.log_score - texts.front().log_score);
   if (texts.size() > static_cast<std::size_t>(options.candidates)) {
     texts.resize(static_cast<std::size_t>(options.candidates));
   }
   const double best = texts.empty() ? 0 : texts.front().log_score;
-  for (Decoded& text : texts) {
+  for (DecodedText& text : texts) {
     text.posterior = std::exp(text.log_score - best) / total;
     align(text, *tables_, probabilities);
   }
   return texts;
 }
 
-std::vector<Decoded> decode(const cv::Mat& probabilities, const CountryChoice& choice,
-                            const DecodeOptions& options) {
+std::vector<DecodedText> decode(const cv::Mat& probabilities, const CountryChoice& choice,
+                                const DecodeOptions& options) {
   return Decoder(choice, options).decode(probabilities);
 }
 

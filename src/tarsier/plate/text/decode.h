@@ -39,7 +39,7 @@ struct DecodeOptions {
   void check() const;
 };
 
-struct Decoded {
+struct DecodedText {
   std::string text;
   double log_score = 0;  // natural logarithm: acoustic + prior, not normalised
   double acoustic = 0;   // the first part: log probability of the text in the columns alone
@@ -71,7 +71,7 @@ class Decoder {
   // `probabilities` is columns x kClasses, CV_32F; each row of the matrix sums to 1. Returns the
   // most probable text first; the list may be empty if nothing fits. Throws std::invalid_argument
   // for another matrix.
-  [[nodiscard]] std::vector<Decoded> decode(const cv::Mat& probabilities) const;
+  [[nodiscard]] std::vector<DecodedText> decode(const cv::Mat& probabilities) const;
 
   [[nodiscard]] const CountryChoice& choice() const;
 
@@ -82,7 +82,8 @@ class Decoder {
 };
 
 // Decodes once. Keep a Decoder to save its preparation.
-[[nodiscard]] std::vector<Decoded> decode(const cv::Mat& probabilities, const CountryChoice& choice,
-                                          const DecodeOptions& options);
+[[nodiscard]] std::vector<DecodedText> decode(const cv::Mat& probabilities,
+                                              const CountryChoice& choice,
+                                              const DecodeOptions& options);
 
 }  // namespace tarsier::plate

@@ -44,13 +44,14 @@ cv::Mat columns_of(const std::vector<Column>& columns) {
 }
 
 // A column of high probability for each character, followed by a blank column.
-cv::Mat sure(const std::string& text, std::vector<std::pair<std::size_t, Column>> changes = {}) {
+cv::Mat confident_columns(const std::string& text,
+                          std::vector<std::pair<std::size_t, Column>> changes = {}) {
   std::vector<Column> columns;
   for (const char symbol : text) {
     columns.push_back({{symbol, 0.98F}});
     columns.push_back({{symbol, 0.01F}});
   }
-  for (auto& [place, column] : changes) columns[2 * place] = std::move(column);
+  for (auto& [position, column] : changes) columns[2 * position] = std::move(column);
   return columns_of(columns);
 }
 
@@ -83,7 +84,7 @@ void add_paths(const cv::Mat& rows, int y, double p, int last, const std::string
     const bool writes = k != kBlank && k != last;
     const std::string next = writes ? text + kAlphabet[static_cast<std::size_t>(k)] : text;
     const bool direct = writes && last >= 0 && last != kBlank;
-    add_paths(rows, y + 1, p * q * (direct ? kDirect : 1), k, next, texts);
+    add_paths(rows, y + 1, p * q * (direct ? kDirectTransitionWeight : 1), k, next, texts);
   }
 }
 
@@ -103,7 +104,7 @@ TEST(CtcTest, ProbabilityIsTheSumOverAllPaths) {
   }
 }
 
-TEST(DecodeTest, AWideBeamFindsWhatFullEnumerationFinds) {
+TEST(DecodeTest, WideBeamEqualsFullEnumeration) {
   Rng rng(7);
   DecodeOptions options;
   options.beam = 1000;
@@ -130,7 +131,7 @@ TEST(DecodeTest, AWideBeamFindsWhatFullEnumerationFinds) {
     std::sort(expected.rbegin(), expected.rend());
     double total = 0;
     for (const auto& [score, text] : expected) total += std::exp(score);
-    const std::vector<Decoded> found = decode(rows, choice, options);
+    const std::vector<DecodedText> found = decode(rows, choice, options);
     ASSERT_EQ(found.size(), std::min<std::size_t>(100, expected.size()));
     for (std::size_t k = 0; k < found.size(); ++k) {
       EXPECT_NEAR(found[k].log_score, expected[k].first, 1e-4) << found[k].text;
@@ -142,11 +143,11 @@ TEST(DecodeTest, AWideBeamFindsWhatFullEnumerationFinds) {
   }
 }
 
-TEST(DecodeTest, TheLayoutTellsZeroFromO) {
+TEST(DecodeTest, LayoutSeparatesZeroFromO) {
   // The classifier prefers letters at positions of digits, and digits at positions of letters.
-  const cv::Mat rows = sure("1204BCD", {{2, {{'O', 0.7F}, {'0', 0.2F}}},
-                                        {0, {{'I', 0.9F}, {'1', 0.05F}}},
-                                        {4, {{'8', 0.9F}, {'B', 0.05F}}}});
+  const cv::Mat rows = confident_columns("1204BCD", {{2, {{'O', 0.7F}, {'0', 0.2F}}},
+                                                     {0, {{'I', 0.9F}, {'1', 0.05F}}},
+                                                     {4, {{'8', 0.9F}, {'B', 0.05F}}}});
   const auto spain = decode(rows, choice_of(kSpain), {});
   ASSERT_FALSE(spain.empty());
   EXPECT_EQ(spain[0].text, "1204BCD");
@@ -165,30 +166,30 @@ TEST(DecodeTest, TheLayoutTellsZeroFromO) {
   EXPECT_EQ(any[0].layout, -1);
 }
 
-TEST(DecodeTest, FreeTextWinsOnlyWhereTheImageIsSureEnough) {
+TEST(DecodeTest, FreeTextWinsOnlyAtHighProbability) {
   const CountryChoice choice = choice_of(kSpain, true);
-  const auto doubtful = sure("1234BCD", {{3, {{'A', 0.6F}, {'4', 0.3F}}}});
-  EXPECT_EQ(decode(doubtful, choice, {})[0].text, "1234BCD");
-  const auto certain = sure("123ABCD", {{3, {{'A', 0.99F}, {'4', 1e-5F}}}});
+  const auto uncertain = confident_columns("1234BCD", {{3, {{'A', 0.6F}, {'4', 0.3F}}}});
+  EXPECT_EQ(decode(uncertain, choice, {})[0].text, "1234BCD");
+  const auto certain = confident_columns("123ABCD", {{3, {{'A', 0.99F}, {'4', 1e-5F}}}});
   const auto texts = decode(certain, choice, {});
   EXPECT_EQ(texts[0].text, "123ABCD");
   EXPECT_EQ(texts[0].country, "");
   // Free texts keep to the requested lengths.
   DecodeOptions options;
   options.min_length = 8;
-  for (const Decoded& text : decode(certain, choice, options)) {
+  for (const DecodedText& text : decode(certain, choice, options)) {
     EXPECT_TRUE(text.text.size() >= 8 || text.country == "es") << text.text;
   }
 }
 
-TEST(DecodeTest, EqualNeighboursNeedABlankBetween) {
+TEST(DecodeTest, EqualNeighboursNeedABlank) {
   const CountryChoice choice = choice_of("DDD?\n");
   const auto text_of = [&](const cv::Mat& columns) { return decode(columns, choice, {})[0].text; };
   EXPECT_EQ(text_of(columns_of({{{'1', 0.9F}}, {{'1', 0.9F}}, {}, {{'2', 0.9F}}})), "12");
   EXPECT_EQ(text_of(columns_of({{{'1', 0.9F}}, {}, {{'1', 0.9F}}, {}, {{'2', 0.9F}}})), "112");
 }
 
-TEST(DecodeTest, OneCharacterSeenAsTwoStaysOne) {
+TEST(DecodeTest, DirectTransitionsDoNotSplitACharacter) {
   // An O whose second half looks like a 0, before two digits.
   const cv::Mat columns = columns_of({{{'B', 0.9F}},
                                       {},
@@ -202,32 +203,32 @@ TEST(DecodeTest, OneCharacterSeenAsTwoStaysOne) {
   EXPECT_EQ(decode(columns, choice, {})[0].text, "BO62");
 }
 
-TEST(DecodeTest, CandidatesAreOrderedAndAddUp) {
-  const auto texts =
-      decode(sure("1234BCD", {{1, {{'2', 0.6F}, {'7', 0.39F}}}}), choice_of(kSpain), {});
+TEST(DecodeTest, CandidatesAreSortedAndSumToOne) {
+  const auto texts = decode(confident_columns("1234BCD", {{1, {{'2', 0.6F}, {'7', 0.39F}}}}),
+                            choice_of(kSpain), {});
   ASSERT_GE(texts.size(), 2U);
   EXPECT_EQ(texts[0].text, "1234BCD");
   EXPECT_EQ(texts[1].text, "1734BCD");
   EXPECT_NEAR(texts[0].posterior / texts[1].posterior, 0.6 / 0.39, 0.05);
   double sum = 0;
-  for (const Decoded& text : texts) sum += text.posterior;
+  for (const DecodedText& text : texts) sum += text.posterior;
   EXPECT_LE(sum, 1 + 1e-9);
   EXPECT_GT(sum, 0.95);
   EXPECT_NEAR(texts[0].confidences[1], 0.6, 0.02);
   EXPECT_GT(texts[0].confidences[0], 0.95);
 }
 
-TEST(DecodeTest, ColumnsTellWhereEachCharacterStands) {
-  const auto texts = decode(sure("1234BCD"), choice_of(kSpain), {});
+TEST(DecodeTest, ColumnsLocateEachCharacter) {
+  const auto texts = decode(confident_columns("1234BCD"), choice_of(kSpain), {});
   ASSERT_EQ(texts[0].columns.size(), 7U);
   for (int k = 0; k < 7; ++k) {
     EXPECT_EQ(texts[0].columns[static_cast<std::size_t>(k)], std::pair(2 * k, 2 * k));
   }
 }
 
-TEST(DecodeTest, AMissingCharacterIsFoundWhereTheLayoutNeedsIt) {
+TEST(DecodeTest, WideSearchFindsAFaintCharacterOfTheLayout) {
   // The third digit has a very low probability, below the beam of the first search.
-  const cv::Mat rows = sure("1234BCD", {{2, {{'3', 3e-6F}, {'5', 1e-6F}}}});
+  const cv::Mat rows = confident_columns("1234BCD", {{2, {{'3', 3e-6F}, {'5', 1e-6F}}}});
   cv::Mat faint = rows.clone();
   faint.row(5) = 0;
   faint.at<float>(5, kBlank) = 1;
@@ -237,7 +238,7 @@ TEST(DecodeTest, AMissingCharacterIsFoundWhereTheLayoutNeedsIt) {
   EXPECT_LT(texts[0].confidences[2], 0.01);
 }
 
-TEST(DecodeTest, LayoutsAreNotCrowdedOutByFreeTexts) {
+TEST(DecodeTest, FreeTextsDoNotDisplaceLayoutsInTheBeam) {
   // Each digit is more likely a letter, so free texts always lead.
   std::vector<std::pair<std::size_t, Column>> changes;
   for (std::size_t k = 0; k < 4; ++k) {
@@ -246,37 +247,38 @@ TEST(DecodeTest, LayoutsAreNotCrowdedOutByFreeTexts) {
   DecodeOptions options;
   options.beam = 4;
   options.free_penalty = 20;
-  EXPECT_EQ(decode(sure("0000BCD", changes), choice_of(kSpain, true), options)[0].text, "0000BCD");
+  EXPECT_EQ(decode(confident_columns("0000BCD", changes), choice_of(kSpain, true), options)[0].text,
+            "0000BCD");
 }
 
-TEST(DecodeTest, CommonLayoutsAreLikelier) {
-  const cv::Mat rows = sure("1234", {{3, {{'B', 0.49F}, {'8', 0.49F}}}});
+TEST(DecodeTest, FrequentLayoutsAreMoreProbable) {
+  const cv::Mat rows = confident_columns("1234", {{3, {{'B', 0.49F}, {'8', 0.49F}}}});
   DecodeOptions options;
   options.specificity = 0;
   EXPECT_EQ(decode(rows, choice_of("DDDD weight 9\nDDDL weight 1\n"), options)[0].text, "1238");
   EXPECT_EQ(decode(rows, choice_of("DDDD weight 1\nDDDL weight 9\n"), options)[0].text, "123B");
 }
 
-TEST(DecodeTest, NothingThatFitsIsNoText) {
+TEST(DecodeTest, ReturnsNoneIfNoLayoutFits) {
   EXPECT_TRUE(decode(columns_of({{{'A', 0.9F}}, {}}), choice_of("DDDD\n"), {}).empty());
   EXPECT_TRUE(decode(columns_of({{}, {}, {}}), choice_of(kSpain), {}).empty());
 }
 
-TEST(DecodeTest, BrokenProbabilitiesAreRefused) {
+TEST(DecodeTest, RejectsInvalidProbabilities) {
   const CountryChoice choice = choice_of(kSpain);
   EXPECT_THROW((void)decode(cv::Mat(), choice, {}), std::invalid_argument);
   EXPECT_THROW((void)decode(cv::Mat(0, kClasses, CV_32F), choice, {}), std::invalid_argument);
   EXPECT_THROW((void)decode(cv::Mat(3, 36, CV_32F, cv::Scalar(0)), choice, {}),
                std::invalid_argument);
-  cv::Mat rows = sure("1234BCD");
+  cv::Mat rows = confident_columns("1234BCD");
   rows.at<float>(3, 3) = std::numeric_limits<float>::quiet_NaN();
   EXPECT_THROW((void)decode(rows, choice, {}), std::invalid_argument);
   rows.at<float>(3, 3) = 0.5F;
   EXPECT_THROW((void)decode(rows, choice, {}), std::invalid_argument);
-  EXPECT_THROW((void)decode(sure("1"), CountryChoice{}, {}), std::invalid_argument);
+  EXPECT_THROW((void)decode(confident_columns("1"), CountryChoice{}, {}), std::invalid_argument);
   DecodeOptions options;
   options.beam = 3;
-  EXPECT_THROW((void)decode(sure("1"), choice, options), std::invalid_argument);
+  EXPECT_THROW((void)decode(confident_columns("1"), choice, options), std::invalid_argument);
 }
 
 }  // namespace

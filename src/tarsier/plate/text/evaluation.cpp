@@ -24,13 +24,13 @@ constexpr double kMinOverlap = 0.3;
 
 std::string base_name(const std::string& path) { return path.substr(path.rfind('/') + 1); }
 
-std::string normal(const std::string& text, bool fold) {
+std::string normalized(const std::string& text, bool fold) {
   const std::string symbols = plate_symbols(text, true);
   return fold ? fold_symbols(symbols) : symbols;
 }
 
 // Number of visible characters of a true text.
-int shown(const std::string& text) {
+int visible_characters(const std::string& text) {
   return static_cast<int>(text.size()) -
          static_cast<int>(std::count(text.begin(), text.end(), '-'));
 }
@@ -68,7 +68,8 @@ std::map<std::size_t, std::pair<std::size_t, double>> match(const std::vector<Tr
       const double value =
           truth[a].box
               ? iou(*truth[a].box, box_of(readings, b))
-              : 1 - edit_distance_to_truth(texts[a], normal(readings.plates[b].text, fold)) / 99.0;
+              : 1 - edit_distance_to_truth(texts[a], normalized(readings.plates[b].text, fold)) /
+                        99.0;
       if (value >= kMinOverlap) pairs.emplace_back(value, a, b);
     }
   }
@@ -90,7 +91,7 @@ void Tally::add_image(const std::string& image, const std::vector<TruthPlate>& t
   ++scores.images;
   scores.returned += static_cast<int>(readings.plates.size());
   std::vector<std::string> texts;
-  for (const TruthPlate& plate : truth) texts.push_back(normal(plate.text, fold));
+  for (const TruthPlate& plate : truth) texts.push_back(normalized(plate.text, fold));
   const auto matches = match(truth, texts, readings, fold);
   for (std::size_t k = 0; k < truth.size(); ++k) {
     ++scores.truth;
@@ -111,7 +112,7 @@ void Tally::add_image(const std::string& image, const std::vector<TruthPlate>& t
 void Tally::add_text(const std::string& image, const TruthPlate& plate, const std::string& text,
                      const ImageReadings& readings, const Reading* found) {
   const auto edits = [&](const std::string& read) {
-    return edit_distance_to_truth(text, normal(read, fold));
+    return edit_distance_to_truth(text, normalized(read, fold));
   };
   const auto with_digit_zero = [](std::string symbols) {
     std::replace(symbols.begin(), symbols.end(), 'O', '0');
@@ -121,9 +122,9 @@ void Tally::add_text(const std::string& image, const TruthPlate& plate, const st
   outcome.image = image;
   outcome.truth = plate;
   outcome.found = found != nullptr;
-  outcome.edits = shown(text);
+  outcome.edits = visible_characters(text);
   ++scores.texts;
-  characters += shown(text);
+  characters += visible_characters(text);
   scores.exact_any += std::any_of(readings.plates.begin(), readings.plates.end(),
                                   [&](const Reading& any) { return edits(any.text) == 0; })
                           ? 1
@@ -133,12 +134,13 @@ void Tally::add_text(const std::string& image, const TruthPlate& plate, const st
     outcome.edits = edits(found->text);
     outcome.exact = outcome.edits == 0;
     scores.exact += outcome.exact ? 1 : 0;
-    scores.exact_o_as_0 += edit_distance_to_truth(with_digit_zero(text),
-                                                  with_digit_zero(normal(found->text, fold))) == 0
-                               ? 1
-                               : 0;
-    right_characters += std::max(0, shown(text) - outcome.edits);
-    found_characters += shown(text);
+    scores.exact_o_as_0 +=
+        edit_distance_to_truth(with_digit_zero(text),
+                               with_digit_zero(normalized(found->text, fold))) == 0
+            ? 1
+            : 0;
+    right_characters += std::max(0, visible_characters(text) - outcome.edits);
+    found_characters += visible_characters(text);
     const auto end = found->candidates.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(
                                                      10, found->candidates.size()));
     const bool among = found->candidates.empty()
@@ -163,12 +165,13 @@ double area_under_curve(const std::vector<double>& high, std::vector<double> low
   return share(wins, static_cast<double>(high.size()) * static_cast<double>(low.size()));
 }
 
-// Sets judged, calibration_error, sure and sure_wrong from the confidences of correct and wrong
-// texts. Does nothing if a confidence is not in 0..1 (another program's percentages).
+// Sets evaluated, calibration_error, high_confidence and high_confidence_wrong from the confidences
+// of correct and wrong texts. Does nothing if a confidence is not in 0..1 (another program's
+// percentages).
 void add_reliability(const std::vector<double>& right, const std::vector<double>& wrong,
                      PlateScores& scores) {
   constexpr int kBins = 10;
-  constexpr double kSure = 0.9;
+  constexpr double kHighConfidence = 0.9;
   const auto is_probability = [](double value) { return value >= 0 && value <= 1; };
   if (!std::all_of(right.begin(), right.end(), is_probability) ||
       !std::all_of(wrong.begin(), wrong.end(), is_probability)) {
@@ -181,31 +184,30 @@ void add_reliability(const std::vector<double>& right, const std::vector<double>
     confidence[bin] += value;
     correct[bin] += is_right ? 1 : 0;
     ++count[bin];
-    if (value <= kSure) return;
-    ++scores.sure;
-    scores.sure_wrong += is_right ? 0 : 1;
+    if (value <= kHighConfidence) return;
+    ++scores.high_confidence;
+    scores.high_confidence_wrong += is_right ? 0 : 1;
   };
   for (const double value : right) add(value, true);
   for (const double value : wrong) add(value, false);
-  scores.judged = static_cast<int>(right.size() + wrong.size());
+  scores.evaluated = static_cast<int>(right.size() + wrong.size());
   double error = 0;
   for (std::size_t bin = 0; bin < kBins; ++bin) error += std::abs(correct[bin] - confidence[bin]);
-  scores.calibration_error = share(error, scores.judged);
+  scores.calibration_error = share(error, scores.evaluated);
 }
 
 void add_times(std::vector<double> times, PlateScores& scores) {
   if (times.empty()) return;
   std::sort(times.begin(), times.end());
-  const std::size_t middle = times.size() / 2;
-  scores.median_ms =
-      times.size() % 2 == 1 ? times[middle] : (times[middle - 1] + times[middle]) / 2;
+  const std::size_t half = times.size() / 2;
+  scores.median_ms = times.size() % 2 == 1 ? times[half] : (times[half - 1] + times[half]) / 2;
   scores.p90_ms = times[static_cast<std::size_t>(0.9 * static_cast<double>(times.size() - 1))];
 }
 
 // Rounded; null if not known.
-nlohmann::ordered_json rounded(double value, int places) {
+nlohmann::ordered_json rounded(double value, int decimals) {
   if (value < 0) return nullptr;
-  return std::strtod(fmt::format("{:.{}f}", value, places).c_str(), nullptr);
+  return std::strtod(fmt::format("{:.{}f}", value, decimals).c_str(), nullptr);
 }
 
 nlohmann::ordered_json interval_json(int successes, int trials) {
@@ -248,29 +250,30 @@ PlateScores evaluate_plates(const std::vector<ImageReadings>& readings, const Pl
 }
 
 nlohmann::ordered_json scores_json(const PlateScores& scores) {
-  return {{"images", scores.images},
-          {"truth", scores.truth},
-          {"recall", rounded(scores.recall, 4)},
-          {"recall_interval", interval_json(scores.found, scores.boxes)},
-          {"recall03", rounded(scores.recall_at_03, 4)},
-          {"prec", rounded(scores.precision, 4)},
-          {"exact", rounded(scores.exact_rate, 4)},
-          {"exact_interval", interval_json(scores.exact, scores.texts)},
-          {"exact_o_as_0", rounded(share(scores.exact_o_as_0, scores.texts), 4)},
-          {"exact_any", rounded(scores.exact_any_rate, 4)},
-          {"top10", rounded(scores.top10_rate, 4)},
-          {"char", rounded(scores.character_rate, 4)},
-          {"char_found", rounded(scores.found_character_rate, 4)},
-          {"conf_auc", rounded(scores.confidence_auc, 4)},
-          {"calibration_error", rounded(scores.calibration_error, 4)},
-          {"sure", scores.sure},
-          {"sure_wrong", scores.sure_wrong},
-          {"sure_wrong_interval", interval_json(scores.sure_wrong, scores.sure)},
-          {"median_ms", rounded(scores.median_ms, 1)},
-          {"p90_ms", rounded(scores.p90_ms, 1)},
-          {"counts", fmt::format("found {}/{} exact {}/{} any {} top10 {} returned {}",
-                                 scores.found, scores.boxes, scores.exact, scores.texts,
-                                 scores.exact_any, scores.top10, scores.returned)}};
+  return {
+      {"images", scores.images},
+      {"truth", scores.truth},
+      {"recall", rounded(scores.recall, 4)},
+      {"recall_interval", interval_json(scores.found, scores.boxes)},
+      {"recall03", rounded(scores.recall_at_03, 4)},
+      {"prec", rounded(scores.precision, 4)},
+      {"exact", rounded(scores.exact_rate, 4)},
+      {"exact_interval", interval_json(scores.exact, scores.texts)},
+      {"exact_o_as_0", rounded(share(scores.exact_o_as_0, scores.texts), 4)},
+      {"exact_any", rounded(scores.exact_any_rate, 4)},
+      {"top10", rounded(scores.top10_rate, 4)},
+      {"char", rounded(scores.character_rate, 4)},
+      {"char_found", rounded(scores.found_character_rate, 4)},
+      {"conf_auc", rounded(scores.confidence_auc, 4)},
+      {"calibration_error", rounded(scores.calibration_error, 4)},
+      {"sure", scores.high_confidence},
+      {"sure_wrong", scores.high_confidence_wrong},
+      {"sure_wrong_interval", interval_json(scores.high_confidence_wrong, scores.high_confidence)},
+      {"median_ms", rounded(scores.median_ms, 1)},
+      {"p90_ms", rounded(scores.p90_ms, 1)},
+      {"counts", fmt::format("found {}/{} exact {}/{} any {} top10 {} returned {}", scores.found,
+                             scores.boxes, scores.exact, scores.texts, scores.exact_any,
+                             scores.top10, scores.returned)}};
 }
 
 }  // namespace tarsier::plate

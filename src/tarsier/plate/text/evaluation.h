@@ -80,9 +80,10 @@ struct PlateScores {
   // (Naeini, Cooper and Hauskrecht, AAAI 2015): the mean of |accuracy - mean confidence| over ten
   // equal intervals of the confidence, weighted by their counts. It is not computed if a confidence
   // is outside [0, 1], for example the percentages of another program.
-  int judged = 0;                 // found plates with a text
+  int evaluated = 0;              // found plates with a text
   double calibration_error = -1;  // [0, 1]
-  int sure = 0, sure_wrong = 0;   // confidence above 0.9; of these, with an error
+  int high_confidence = 0;        // confidence above 0.9
+  int high_confidence_wrong = 0;  // of these, with an error
   // Over the images with readings, ms.
   double median_ms = -1, p90_ms = -1;
   std::vector<PlateOutcome> outcomes;

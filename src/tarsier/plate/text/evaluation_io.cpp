@@ -26,7 +26,7 @@ using nlohmann::json;
 
 constexpr std::size_t kMaxLine = 10'000'000;
 constexpr std::int64_t kMaxTruthBytes = 256'000'000;
-constexpr double kFarthest = 1e6;  // px
+constexpr double kMaxCoordinate = 1e6;  // px
 
 [[noreturn]] void fail(const std::string& name, int line, const std::string& reason) {
   throw InputError(name, fmt::format("line {}: {}", line, reason));
@@ -39,17 +39,17 @@ constexpr std::array<std::string_view, 6> kColumns{"image", "x", "y", "w", "h", 
 // Index of each of kColumns in the file.
 std::array<std::size_t, 6> find_columns(const std::vector<std::string>& header,
                                         const std::string& path) {
-  std::array<std::size_t, 6> places{};
+  std::array<std::size_t, 6> column_indices{};
   for (std::size_t k = 0; k < kColumns.size(); ++k) {
-    places[k] = header.size();
+    column_indices[k] = header.size();
     for (std::size_t n = 0; n < header.size(); ++n) {
-      if (header[n] == kColumns[k]) places[k] = n;
+      if (header[n] == kColumns[k]) column_indices[k] = n;
     }
-    if (places[k] == header.size()) {
+    if (column_indices[k] == header.size()) {
       fail(path, 1, fmt::format("no column '{}': the header is image,x,y,w,h,text", kColumns[k]));
     }
   }
-  return places;
+  return column_indices;
 }
 
 std::optional<cv::Rect2d> parse_box(const std::array<std::string, 6>& fields,
@@ -62,8 +62,8 @@ std::optional<cv::Rect2d> parse_box(const std::array<std::string, 6>& fields,
     const std::string& field = fields[k + 1];
     const char* end = field.data() + field.size();
     const auto [after, error] = std::from_chars(field.data(), end, numbers[k]);
-    const bool good = error == std::errc() && after == end && std::abs(numbers[k]) <= kFarthest &&
-                      (k < 2 || numbers[k] >= 0);
+    const bool good = error == std::errc() && after == end &&
+                      std::abs(numbers[k]) <= kMaxCoordinate && (k < 2 || numbers[k] >= 0);
     if (!good) fail(path, line, fmt::format("'{}' is no {}", printable(field), kColumns[k + 1]));
   }
   return cv::Rect2d{numbers[0], numbers[1], numbers[2], numbers[3]};
@@ -89,9 +89,9 @@ json parse_line(const std::string& line, const std::string& name, int number) {
     return parse_json(line, name, {static_cast<std::int64_t>(kMaxLine), 16, 1'000'000});
   } catch (const InputError& error) {
     const std::string_view reason = std::string_view(error.what()).substr(name.size() + 2);
-    constexpr std::string_view kPlace = "line 1, ";
-    if (!reason.starts_with(kPlace)) fail(name, number, std::string(reason));
-    throw InputError(name, fmt::format("line {}, {}", number, reason.substr(kPlace.size())));
+    constexpr std::string_view kLinePrefix = "line 1, ";
+    if (!reason.starts_with(kLinePrefix)) fail(name, number, std::string(reason));
+    throw InputError(name, fmt::format("line {}, {}", number, reason.substr(kLinePrefix.size())));
   }
 }
 
@@ -124,9 +124,9 @@ class PlateParser {
     return found->get<std::string>();
   }
 
-  [[nodiscard]] double number(const json& object, const char* key, double otherwise) const {
+  [[nodiscard]] double number(const json& object, const char* key, double default_value) const {
     const auto found = object.find(key);
-    if (found == object.end() || found->is_null()) return otherwise;
+    if (found == object.end() || found->is_null()) return default_value;
     if (!found->is_number()) refuse(fmt::format("\"{}\" is no number", key));
     return found->get<double>();
   }
@@ -140,7 +140,7 @@ class PlateParser {
     }
     for (std::size_t k = 0; k < numbers.size(); ++k) {
       const json& value = (*found)[k];
-      if (!value.is_number() || !(std::abs(value.get<double>()) <= kFarthest)) {
+      if (!value.is_number() || !(std::abs(value.get<double>()) <= kMaxCoordinate)) {
         refuse("\"box\" is no list of four numbers up to 1000000");
       }
       numbers[k] = value.get<double>();
@@ -182,7 +182,7 @@ PlateTruth read_plate_truth(const std::string& path) {
   std::string_view text = bytes;
   if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
   PlateTruth truth;
-  std::array<std::size_t, 6> places{};
+  std::array<std::size_t, 6> column_indices{};
   std::size_t width = 0;
   for (int line = 1; !text.empty(); ++line) {
     std::string_view content = next_line(text);
@@ -191,18 +191,18 @@ PlateTruth read_plate_truth(const std::string& path) {
     const auto fields = csv_fields(content);
     if (!fields) fail(path, line, "a quote without its other end, or within a field");
     if (line == 1) {
-      places = find_columns(*fields, path);
+      column_indices = find_columns(*fields, path);
       width = fields->size();
       continue;
     }
     if (fields->size() != width) {
       fail(path, line, fmt::format("{} fields, the header has {}", fields->size(), width));
     }
-    std::array<std::string, 6> wanted;
-    for (std::size_t k = 0; k < wanted.size(); ++k) wanted[k] = (*fields)[places[k]];
-    const std::string image = wanted[0].substr(wanted[0].rfind('/') + 1);
+    std::array<std::string, 6> values;
+    for (std::size_t k = 0; k < values.size(); ++k) values[k] = (*fields)[column_indices[k]];
+    const std::string image = values[0].substr(values[0].rfind('/') + 1);
     if (image.empty()) fail(path, line, "no image");
-    truth[image].push_back({parse_box(wanted, path, line), plate_symbols(wanted[5], true)});
+    truth[image].push_back({parse_box(values, path, line), plate_symbols(values[5], true)});
   }
   if (width == 0) throw InputError(path, "empty: the header image,x,y,w,h,text is expected");
   return truth;

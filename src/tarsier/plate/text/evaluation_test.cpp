@@ -28,7 +28,7 @@ Reading reading(const std::string& text, double confidence, cv::Rect box,
   return result;
 }
 
-TEST(EvaluationTest, FiguresAreThoseWorkedByHand) {
+TEST(EvaluationTest, ComputesAllScores) {
   const PlateTruth truth{
       {"a.jpg", {{cv::Rect2d(0, 0, 100, 20), "1234BCD"}, {cv::Rect2d(200, 0, 100, 20), "5678FGH"}}},
       {"b.jpg", {{cv::Rect2d(0, 0, 100, 20), "M0-23AB"}}},
@@ -72,9 +72,9 @@ TEST(EvaluationTest, FiguresAreThoseWorkedByHand) {
   EXPECT_EQ(scores.exact_o_as_0, 3);
   // Each confidence is alone in its bin of width 0.1: 0.1 + 0.3 (right) + 0.8 + 0.5 (wrong), of
   // four.
-  EXPECT_EQ(scores.judged, 4);
+  EXPECT_EQ(scores.evaluated, 4);
   EXPECT_NEAR(scores.calibration_error, 1.7 / 4, 1e-12);
-  EXPECT_EQ(scores.sure, 0);
+  EXPECT_EQ(scores.high_confidence, 0);
   const nlohmann::ordered_json object = scores_json(scores);
   // Wilson's interval of 2 of 5.
   EXPECT_EQ(object.at("exact_interval"), nlohmann::ordered_json({0.1176, 0.7693}));
@@ -94,7 +94,7 @@ TEST(EvaluationTest, FiguresAreThoseWorkedByHand) {
   EXPECT_EQ(evaluate_plates(readings, truth, loose).found, 3);  // 0.3 is the min overlap
 }
 
-TEST(EvaluationTest, TheBetterOverlapTakesThePlate) {
+TEST(EvaluationTest, ReadingWithTheLargerOverlapIsMatched) {
   const PlateTruth truth{{"a.jpg", {{cv::Rect2d(0, 0, 100, 20), "A1"}}}};
   const std::vector<ImageReadings> readings{
       {"a.jpg", 1, {reading("B2", 0.9, {0, 0, 100, 28}), reading("A1", 0.1, {0, 0, 100, 21})}, {}}};
@@ -104,33 +104,33 @@ TEST(EvaluationTest, TheBetterOverlapTakesThePlate) {
   EXPECT_LT(scores.confidence_auc, 0);
 }
 
-TEST(EvaluationTest, ConfidenceAboveNineTenthsIsCountedWhereTheTextIsWrong) {
+TEST(EvaluationTest, CountsWrongTextsOfHighConfidence) {
   const PlateTruth truth{{"a.jpg", {{cv::Rect2d(0, 0, 100, 20), "1234BCD"}}},
                          {"b.jpg", {{cv::Rect2d(0, 0, 100, 20), "5678FGH"}}}};
   const std::vector<ImageReadings> readings{
       {"a.jpg", -1, {reading("1234BCD", 0.95, {0, 0, 100, 20})}, {}},
       {"b.jpg", -1, {reading("5678FGN", 0.99, {0, 0, 100, 20})}, {}}};
   const PlateScores scores = evaluate_plates(readings, truth, {});
-  EXPECT_EQ(scores.sure, 2);
-  EXPECT_EQ(scores.sure_wrong, 1);
+  EXPECT_EQ(scores.high_confidence, 2);
+  EXPECT_EQ(scores.high_confidence_wrong, 1);
   // Both are in the last bin: one of two is right, mean confidence 0.97.
   EXPECT_NEAR(scores.calibration_error, 0.47, 1e-12);
 }
 
-TEST(EvaluationTest, CalibrationIsNotJudgedWhereConfidencesAreNoProbabilities) {
+TEST(EvaluationTest, SkipsCalibrationIfConfidencesAreNoProbabilities) {
   const PlateTruth truth{{"a.jpg", {{cv::Rect2d(0, 0, 100, 20), "1234BCD"}}}};
   for (const double confidence : {94.2, -0.05, 9223372036854775807.0}) {
     const std::vector<ImageReadings> readings{
         {"a.jpg", -1, {reading("1234BCD", confidence, {0, 0, 100, 20})}, {}}};
     const PlateScores scores = evaluate_plates(readings, truth, {});
     EXPECT_EQ(scores.exact, 1);
-    EXPECT_EQ(scores.judged, 0) << confidence;
+    EXPECT_EQ(scores.evaluated, 0) << confidence;
     EXPECT_LT(scores.calibration_error, 0);
-    EXPECT_EQ(scores.sure, 0);
+    EXPECT_EQ(scores.high_confidence, 0);
   }
 }
 
-TEST(EvaluationTest, NothingToJudgeIsNull) {
+TEST(EvaluationTest, ScoresWithoutDataAreNull) {
   const PlateScores scores = evaluate_plates({}, {}, {});
   EXPECT_LT(scores.recall, 0);
   const nlohmann::ordered_json object = scores_json(scores);
@@ -142,7 +142,7 @@ TEST(EvaluationTest, NothingToJudgeIsNull) {
   EXPECT_THROW((void)evaluate_plates({}, {}, options), std::invalid_argument);
 }
 
-std::string refusal_of_lines(const std::string& text) {
+std::string error_of_lines(const std::string& text) {
   std::istringstream lines(text);
   try {
     (void)parse_readings(lines, "r.jsonl");
@@ -153,7 +153,7 @@ std::string refusal_of_lines(const std::string& text) {
   return "accepted";
 }
 
-TEST(EvaluationTest, LinesOfReadingsAreUnderstood) {
+TEST(EvaluationTest, ParsesLinesOfReadings) {
   std::istringstream lines(
       "{\"image\":\"a.jpg\",\"ms\":1.5,\"plates\":[{\"text\":\"A1\",\"confidence\":0.5,"
       "\"box\":[1.5,2,3,4],\"candidates\":[\"A1\",{\"text\":\"A7\",\"confidence\":0.1}],"
@@ -168,25 +168,25 @@ TEST(EvaluationTest, LinesOfReadingsAreUnderstood) {
   EXPECT_EQ(readings[2].plates[0].confidence, 0);
 }
 
-TEST(EvaluationTest, BadLinesAreNamed) {
+TEST(EvaluationTest, ErrorNamesTheLine) {
   const std::string good = "{\"image\":\"a\"}\n";
-  EXPECT_THAT(refusal_of_lines(good + "{\"image\":}\n"), HasSubstr("r.jsonl: line 2, column 10: "));
-  EXPECT_THAT(refusal_of_lines(good + good + "[]\n"), HasSubstr("line 3: a JSON object"));
-  EXPECT_THAT(refusal_of_lines("{}\n"), HasSubstr("line 1: no text \"image\""));
-  EXPECT_THAT(refusal_of_lines("{\"image\":7}\n"), HasSubstr("no text \"image\""));
-  EXPECT_THAT(refusal_of_lines("{\"image\":\"a\",\"plates\":7}\n"), HasSubstr("\"plates\""));
-  EXPECT_THAT(refusal_of_lines("{\"image\":\"a\",\"plates\":[7]}\n"), HasSubstr("no object"));
-  EXPECT_THAT(refusal_of_lines("{\"image\":\"a\",\"plates\":[{}]}\n"), HasSubstr("\"text\""));
+  EXPECT_THAT(error_of_lines(good + "{\"image\":}\n"), HasSubstr("r.jsonl: line 2, column 10: "));
+  EXPECT_THAT(error_of_lines(good + good + "[]\n"), HasSubstr("line 3: a JSON object"));
+  EXPECT_THAT(error_of_lines("{}\n"), HasSubstr("line 1: no text \"image\""));
+  EXPECT_THAT(error_of_lines("{\"image\":7}\n"), HasSubstr("no text \"image\""));
+  EXPECT_THAT(error_of_lines("{\"image\":\"a\",\"plates\":7}\n"), HasSubstr("\"plates\""));
+  EXPECT_THAT(error_of_lines("{\"image\":\"a\",\"plates\":[7]}\n"), HasSubstr("no object"));
+  EXPECT_THAT(error_of_lines("{\"image\":\"a\",\"plates\":[{}]}\n"), HasSubstr("\"text\""));
   const auto plate = [](const std::string& members) {
     return "{\"image\":\"a\",\"plates\":[{\"text\":\"A\"," + members + "}]}\n";
   };
-  EXPECT_THAT(refusal_of_lines(plate("\"box\":[1,2,3]")), HasSubstr("four numbers"));
-  EXPECT_THAT(refusal_of_lines(plate("\"box\":[1,2,3,\"4\"]")), HasSubstr("four numbers"));
-  EXPECT_THAT(refusal_of_lines(plate("\"box\":[1,2,3,1e300]")), HasSubstr("four numbers"));
-  EXPECT_THAT(refusal_of_lines(plate("\"confidence\":\"x\"")), HasSubstr("no number"));
-  EXPECT_THAT(refusal_of_lines(plate("\"candidates\":[1]")), HasSubstr("candidate"));
-  EXPECT_THAT(refusal_of_lines(std::string(100'000, '[')), HasSubstr("line 1"));
-  EXPECT_THAT(refusal_of_lines("\xFF\xFE\n"), HasSubstr("UTF-8"));
+  EXPECT_THAT(error_of_lines(plate("\"box\":[1,2,3]")), HasSubstr("four numbers"));
+  EXPECT_THAT(error_of_lines(plate("\"box\":[1,2,3,\"4\"]")), HasSubstr("four numbers"));
+  EXPECT_THAT(error_of_lines(plate("\"box\":[1,2,3,1e300]")), HasSubstr("four numbers"));
+  EXPECT_THAT(error_of_lines(plate("\"confidence\":\"x\"")), HasSubstr("no number"));
+  EXPECT_THAT(error_of_lines(plate("\"candidates\":[1]")), HasSubstr("candidate"));
+  EXPECT_THAT(error_of_lines(std::string(100'000, '[')), HasSubstr("line 1"));
+  EXPECT_THAT(error_of_lines("\xFF\xFE\n"), HasSubstr("UTF-8"));
 }
 
 class TruthTest : public FolderTest {
@@ -195,7 +195,7 @@ class TruthTest : public FolderTest {
     write_file_atomically(path("truth.csv"), text);
     return read_plate_truth(path("truth.csv"));
   }
-  [[nodiscard]] std::string refusal(const std::string& text) const {
+  [[nodiscard]] std::string error_of(const std::string& text) const {
     try {
       (void)truth_of(text);
     } catch (const InputError& error) {
@@ -205,7 +205,7 @@ class TruthTest : public FolderTest {
   }
 };
 
-TEST_F(TruthTest, ReadsBoxesTextsAndWhatIsLeftOut) {
+TEST_F(TruthTest, ReadsBoxesTextsAndEmptyFields) {
   const PlateTruth truth = truth_of(
       "\xEF\xBB\xBFimage,x,y,w,h,text,note\r\n\"p/a,1.jpg\",1,2.5,3,4,12-4bcd,\"said "
       "\"\"so\"\"\"\r\n"
@@ -219,18 +219,18 @@ TEST_F(TruthTest, ReadsBoxesTextsAndWhatIsLeftOut) {
   EXPECT_EQ(truth.at("b.jpg")[1].text, "");
 }
 
-TEST_F(TruthTest, BadLinesAreNamed) {
+TEST_F(TruthTest, ErrorNamesTheLine) {
   const std::string header = "image,x,y,w,h,text\n";
-  EXPECT_THAT(refusal(""), HasSubstr("empty"));
-  EXPECT_THAT(refusal("image,x,y,w,text\n"), HasSubstr("no column 'h'"));
-  EXPECT_THAT(refusal(header + "a.jpg,1,2,3\n"), HasSubstr("line 2: 4 fields"));
-  EXPECT_THAT(refusal(header + "a.jpg,1,2,3,4,T\na.jpg,1,2,x,4,T\n"),
+  EXPECT_THAT(error_of(""), HasSubstr("empty"));
+  EXPECT_THAT(error_of("image,x,y,w,text\n"), HasSubstr("no column 'h'"));
+  EXPECT_THAT(error_of(header + "a.jpg,1,2,3\n"), HasSubstr("line 2: 4 fields"));
+  EXPECT_THAT(error_of(header + "a.jpg,1,2,3,4,T\na.jpg,1,2,x,4,T\n"),
               HasSubstr("line 3: 'x' is no w"));
-  EXPECT_THAT(refusal(header + "a.jpg,nan,2,3,4,T\n"), HasSubstr("'nan' is no x"));
-  EXPECT_THAT(refusal(header + "a.jpg,1,2,-3,4,T\n"), HasSubstr("'-3' is no w"));
-  EXPECT_THAT(refusal(header + "a.jpg,1,2,,4,T\n"), HasSubstr("'' is no w"));
-  EXPECT_THAT(refusal(header + "\"a.jpg,1,2,3,4,T\n"), HasSubstr("quote"));
-  EXPECT_THAT(refusal(header + ",1,2,3,4,T\n"), HasSubstr("no image"));
+  EXPECT_THAT(error_of(header + "a.jpg,nan,2,3,4,T\n"), HasSubstr("'nan' is no x"));
+  EXPECT_THAT(error_of(header + "a.jpg,1,2,-3,4,T\n"), HasSubstr("'-3' is no w"));
+  EXPECT_THAT(error_of(header + "a.jpg,1,2,,4,T\n"), HasSubstr("'' is no w"));
+  EXPECT_THAT(error_of(header + "\"a.jpg,1,2,3,4,T\n"), HasSubstr("quote"));
+  EXPECT_THAT(error_of(header + ",1,2,3,4,T\n"), HasSubstr("no image"));
   EXPECT_THROW((void)read_plate_truth(path("missing.csv")), InputError);
 }
 

@@ -19,18 +19,18 @@ std::vector<SymbolLabel> parse_symbol_labels(std::string_view text, const std::s
   for (int number = 1; !text.empty(); ++number) {
     std::string_view line = trimmed(next_line(text));
     if (line.empty()) continue;
-    const auto kind = to_integer(next_word(line), 0, kBlank - 1);
+    const auto class_id = to_integer(next_word(line), 0, kBlank - 1);
     std::array<double, 4> box{};
-    bool sane = kind.has_value();
+    bool is_valid = class_id.has_value();
     for (double& value : box) {
       const auto read = to_number(next_word(line));
-      sane = sane && read && std::abs(*read) < 2;
+      is_valid = is_valid && read && std::abs(*read) < 2;
       value = read.value_or(0);
     }
-    if (!sane || box[2] <= 0 || box[3] <= 0)
+    if (!is_valid || box[2] <= 0 || box[3] <= 0)
       throw InputError(name,
                        fmt::format("line {}: expected class 0..35 and x y w h in 0..1", number));
-    labels.push_back({static_cast<int>(*kind), box[0], box[1], box[2], box[3]});
+    labels.push_back({static_cast<int>(*class_id), box[0], box[1], box[2], box[3]});
   }
   return labels;
 }

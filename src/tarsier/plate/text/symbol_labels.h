@@ -12,7 +12,7 @@
 namespace tarsier::plate {
 
 struct SymbolLabel {
-  int kind = 0;  // class number, 0..kBlank-1 (reading.h)
+  int class_id = 0;  // class number, 0..kBlank-1 (reading.h)
   // Centre and size of the box, relative to the image's width and height: x, y within +-2, w, h in
   // (0, 2).
   double x = 0;

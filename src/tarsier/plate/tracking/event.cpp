@@ -29,8 +29,8 @@ using nlohmann::ordered_json;
 
 // Rounds to the meaningful digits.
 double rounded(double value, double steps) { return std::round(value * steps) / steps; }
-double time_of(double seconds) { return rounded(seconds, 1e3); }
-double share_of(double share) { return rounded(share, 1e4); }
+double rounded_time(double seconds) { return rounded(seconds, 1e3); }
+double rounded_fraction(double share) { return rounded(share, 1e4); }
 
 ordered_json box_json(const cv::Rect& box) {
   return ordered_json::array({box.x, box.y, box.width, box.height});
@@ -45,8 +45,8 @@ std::string_view name_of(PlateState state) { return kStates.name(state); }
 std::string_view name_of(Direction direction) { return kDirectionNames.name(direction); }
 
 std::vector<Direction> directions_of(const PlateEvent& event) {
-  constexpr double kGrowth = 1.15;
-  constexpr double kWay = 0.5;  // relative to the plate's width
+  constexpr double kMinSizeRatio = 1.15;
+  constexpr double kMinDisplacement = 0.5;  // relative to the plate's width
   std::vector<Direction> directions;
   const std::size_t count = event.readings.size();
   if (count < 2) return directions;
@@ -63,13 +63,13 @@ std::vector<Direction> directions_of(const PlateEvent& event) {
     }
   }
   if (widths[0] < 1 || widths[1] < 1) return directions;
-  if (widths[1] >= kGrowth * widths[0]) directions.push_back(Direction::kApproaching);
-  if (widths[0] >= kGrowth * widths[1]) directions.push_back(Direction::kReceding);
-  const cv::Point2d way = (centers[1] - centers[0]) / (0.5 * (widths[0] + widths[1]));
-  if (way.x <= -kWay) directions.push_back(Direction::kLeft);
-  if (way.x >= kWay) directions.push_back(Direction::kRight);
-  if (way.y <= -kWay) directions.push_back(Direction::kUp);
-  if (way.y >= kWay) directions.push_back(Direction::kDown);
+  if (widths[1] >= kMinSizeRatio * widths[0]) directions.push_back(Direction::kApproaching);
+  if (widths[0] >= kMinSizeRatio * widths[1]) directions.push_back(Direction::kReceding);
+  const cv::Point2d displacement = (centers[1] - centers[0]) / (0.5 * (widths[0] + widths[1]));
+  if (displacement.x <= -kMinDisplacement) directions.push_back(Direction::kLeft);
+  if (displacement.x >= kMinDisplacement) directions.push_back(Direction::kRight);
+  if (displacement.y <= -kMinDisplacement) directions.push_back(Direction::kUp);
+  if (displacement.y >= kMinDisplacement) directions.push_back(Direction::kDown);
   return directions;
 }
 
@@ -105,7 +105,8 @@ PlateEvent event_of(const Reading& reading, const cv::Mat& image) {
 ordered_json candidates_json(const std::vector<Candidate>& candidates) {
   ordered_json list = ordered_json::array();
   for (const Candidate& candidate : candidates) {
-    list.push_back({{"text", candidate.text}, {"confidence", share_of(candidate.confidence)}});
+    list.push_back(
+        {{"text", candidate.text}, {"confidence", rounded_fraction(candidate.confidence)}});
     if (!candidate.country.empty()) list.back()["country"] = candidate.country;
   }
   return list;
@@ -115,38 +116,38 @@ ordered_json readings_json(const std::vector<TimedReading>& readings) {
   ordered_json list = ordered_json::array();
   for (const TimedReading& reading : readings) {
     list.push_back({{"frame", reading.frame},
-                    {"time", time_of(reading.time)},
+                    {"time", rounded_time(reading.time)},
                     {"text", reading.text},
-                    {"confidence", share_of(reading.confidence)},
+                    {"confidence", rounded_fraction(reading.confidence)},
                     {"box", box_json(reading.box)}});
   }
   return list;
 }
 
 ordered_json event_json(const PlateEvent& event) {
-  const auto seen = [](Moment moment) {
+  const auto time_json = [](Moment moment) {
     return moment == Moment() ? ordered_json() : ordered_json(moment_text(moment));
   };
   ordered_json object{{"event", "plate"},
                       {"state", name_of(event.state)},
                       {"id", event.id},
                       {"source", event.source},
-                      {"first_seen", seen(event.first_seen)},
-                      {"last_seen", seen(event.last_seen)}};
+                      {"first_seen", time_json(event.first_seen)},
+                      {"last_seen", time_json(event.last_seen)}};
   if (event.state == PlateState::kWithdrawn) {
     object["merged_into"] =
         event.merged_into > 0 ? ordered_json(event.merged_into) : ordered_json();
   }
   object.update({{"text", event.text},
-                 {"confidence", share_of(event.confidence)},
+                 {"confidence", rounded_fraction(event.confidence)},
                  {"country", event.country.empty() ? ordered_json() : ordered_json(event.country)},
                  {"candidates", candidates_json(event.candidates)},
-                 {"first_time", time_of(event.first_time)},
-                 {"last_time", time_of(event.last_time)},
+                 {"first_time", rounded_time(event.first_time)},
+                 {"last_time", rounded_time(event.last_time)},
                  {"frames", event.frames},
                  {"best",
                   {{"frame", event.best_frame},
-                   {"time", time_of(event.best_time)},
+                   {"time", rounded_time(event.best_time)},
                    {"box", box_json(event.best_box)}}},
                  {"readings", readings_json(event.readings)},
                  {"direction", ordered_json::array()}});

@@ -24,7 +24,7 @@ constexpr std::size_t kMaxSource = 1000;  // bytes
 // 'TPL1'. New columns would be stored after the images, so reading them would mean reading the
 // images. Data of a few entries therefore has its own table. plate_gram: the trigrams of each
 // folded text with an end mark ('1234BCD' has 123, 234, 34B, 4BC, BC0, C0$). Two characters are
-// found as the beginning of a trigram. The SQL must cut texts like grams_of().
+// entries as the beginning of a trigram. The SQL must cut texts like trigrams_of().
 const DatabaseKind kKind{"Tarsier plate log",
                          0x54504C31,
                          {R"sql(
@@ -84,7 +84,8 @@ CREATE INDEX plate_correction_by_text ON plate_correction(text);
                          1};
 
 // Condition for the rows `c` of plate_correction that are in effect.
-constexpr const char* kLast = "c.id = (SELECT max(id) FROM plate_correction WHERE plate = c.plate)";
+constexpr const char* kLastCorrection =
+    "c.id = (SELECT max(id) FROM plate_correction WHERE plate = c.plate)";
 
 std::int64_t number_of(Moment moment) { return moment.time_since_epoch().count(); }
 
@@ -94,12 +95,12 @@ Moment moment_of(std::int64_t number) {
   return Moment(std::chrono::milliseconds(std::clamp<std::int64_t>(number, 0, kEnd)));
 }
 
-std::string after(std::string text) {  // upper bound of all texts with this prefix
+std::string prefix_end(std::string text) {  // upper bound of all texts with this prefix
   ++text.back();
   return text;
 }
 
-int whole(std::int64_t number) {
+int to_int(std::int64_t number) {
   return static_cast<int>(std::clamp<std::int64_t>(number, std::numeric_limits<int>::min(),
                                                    std::numeric_limits<int>::max()));
 }
@@ -114,8 +115,8 @@ LoggedPlate plate_at(const Statement& row) {
   plate.confidence = row.real(5);
   plate.country = row.text(6);
   plate.frames = row.integer(7);
-  plate.box = {whole(row.integer(8)), whole(row.integer(9)), whole(row.integer(10)),
-               whole(row.integer(11))};
+  plate.box = {to_int(row.integer(8)), to_int(row.integer(9)), to_int(row.integer(10)),
+               to_int(row.integer(11))};
   plate.candidates = row.text(12);
   plate.readings = row.text(13);
   plate.has_crop = row.integer(14) != 0;
@@ -128,7 +129,7 @@ LoggedPlate plate_at(const Statement& row) {
   return plate;
 }
 
-std::string dumped(const nlohmann::ordered_json& value) {
+std::string json_text(const nlohmann::ordered_json& value) {
   return value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
@@ -156,8 +157,8 @@ class ReadTransaction {
 
 // Frees pages in steps; then truncates the write-ahead log, which holds the old pages, unless
 // another process is reading it.
-void give_room_back(Database& database, std::int64_t deleted, const ForgetOptions& options) {
-  constexpr std::int64_t kPages = 2000;
+void reclaim_space(Database& database, std::int64_t deleted, const ForgetOptions& options) {
+  constexpr std::int64_t kPagesPerStep = 2000;
   std::int64_t free_before = std::numeric_limits<std::int64_t>::max();
   while (true) {
     std::int64_t free = 0;
@@ -167,8 +168,8 @@ void give_room_back(Database& database, std::int64_t deleted, const ForgetOption
     }
     if (free == 0 || free >= free_before) break;  // or nothing can be freed
     free_before = free;
-    database.run(fmt::format("PRAGMA incremental_vacuum({})", kPages));
-    if (options.between) options.between(deleted);
+    database.run(fmt::format("PRAGMA incremental_vacuum({})", kPagesPerStep));
+    if (options.after_batch) options.after_batch(deleted);
   }
   // The checkpoint blocks other writers while it waits for readers: keep that short.
   database.set_patience(100);
@@ -177,8 +178,8 @@ void give_room_back(Database& database, std::int64_t deleted, const ForgetOption
 
 }  // namespace
 
-PlateLog::PlateLog(const std::string& path, DatabaseAccess access, int patience_ms)
-    : database_(path, kKind, access, patience_ms),
+PlateLog::PlateLog(const std::string& path, DatabaseAccess access, int lock_timeout_ms)
+    : database_(path, kKind, access, lock_timeout_ms),
       indexed_(database_.version() >= 2),
       corrected_(database_.version() >= 3) {}
 
@@ -192,13 +193,13 @@ std::int64_t PlateLog::append(const PlateEvent& event) {
 }
 
 std::int64_t PlateLog::begin_run(const std::string& process,
-                                 const std::function<bool(const std::string&)>& lives) {
+                                 const std::function<bool(const std::string&)>& is_alive) {
   Transaction together(database_);
   std::vector<std::int64_t> dead;
   {
     Statement runs(database_, "SELECT id, process FROM plate_run");
     while (runs.step()) {
-      if (!lives(runs.text(1))) dead.push_back(runs.integer(0));
+      if (!is_alive(runs.text(1))) dead.push_back(runs.integer(0));
     }
   }
   for (const std::int64_t run : dead) {
@@ -221,7 +222,7 @@ void PlateLog::end_run(std::int64_t run) {
 
 std::int64_t PlateLog::put(const PlateEvent& event, std::int64_t id, std::int64_t run,
                            std::optional<std::span<const std::uint8_t>> crop) {
-  const std::string shown = masked(event.source);
+  const std::string source = masked(event.source);
   std::optional<std::string> before;
   if (id > 0) {
     Statement row(database_, "SELECT text FROM plate WHERE id = ?");
@@ -236,7 +237,7 @@ std::int64_t PlateLog::put(const PlateEvent& event, std::int64_t id, std::int64_
                            "VALUES(?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
   write.bind(1, number_of(event.first_seen))
       .bind(2, number_of(event.last_seen))
-      .bind(3, std::string_view(shown).substr(0, kMaxSource))
+      .bind(3, std::string_view(source).substr(0, kMaxSource))
       .bind(4, std::string_view(event.text))
       .bind(5, std::isfinite(event.confidence) ? event.confidence : 0.0)
       .bind(6, std::string_view(event.country))
@@ -245,8 +246,8 @@ std::int64_t PlateLog::put(const PlateEvent& event, std::int64_t id, std::int64_
       .bind(9, std::int64_t{event.best_box.y})
       .bind(10, std::int64_t{event.best_box.width})
       .bind(11, std::int64_t{event.best_box.height})
-      .bind(12, std::string_view(dumped(candidates_json(event.candidates))))
-      .bind(13, std::string_view(dumped(readings_json(event.readings))));
+      .bind(12, std::string_view(json_text(candidates_json(event.candidates))))
+      .bind(13, std::string_view(json_text(readings_json(event.readings))));
   if (before) write.bind(14, id);
   (void)write.step();
   if (!before) id = database_.last_row_id();
@@ -286,7 +287,7 @@ void PlateLog::mark(const PlateEvent& event, std::int64_t id, std::int64_t run) 
 
 void PlateLog::add_grams(std::int64_t id, const std::string& text) {
   Statement add(database_, "INSERT OR IGNORE INTO plate_gram VALUES(?, ?)");
-  for (const std::string& gram : grams_of(text)) {
+  for (const std::string& gram : trigrams_of(text)) {
     add.bind(1, std::string_view(gram)).bind(2, id).step();
     add.reset();
   }
@@ -294,7 +295,7 @@ void PlateLog::add_grams(std::int64_t id, const std::string& text) {
 
 void PlateLog::remove_grams(std::int64_t id, const std::string& text) {
   Statement remove(database_, "DELETE FROM plate_gram WHERE gram = ? AND plate = ?");
-  for (const std::string& gram : grams_of(text)) {
+  for (const std::string& gram : trigrams_of(text)) {
     remove.bind(1, std::string_view(gram)).bind(2, id).step();
     remove.reset();
   }
@@ -385,28 +386,29 @@ void PlateLog::trust_clock(std::int64_t run) {
 
 // Uses an index where the pattern allows: for equal texts, a prefix, or required pieces. Otherwise
 // it scans the index of all texts. The results are then matched exactly.
-std::vector<PlateLog::Found> PlateLog::find(const LogFilter& filter) {
+std::vector<PlateLog::Match> PlateLog::find_matches(const LogFilter& filter) {
   const std::string& pattern = filter.text;
-  std::vector<Found> found;
-  const auto look = [&](Statement& rows) {  // id, text, last_time
+  std::vector<Match> entries;
+  const auto collect = [&](Statement& rows) {  // id, text, last_time
     std::string last;
-    bool fitted = false;
+    bool is_match = false;
     bool first = true;
     while (rows.step()) {
       std::string text = rows.text(1);
       if (first || text != last) {  // equal texts are adjacent in the index
-        fitted = matches(pattern, text, filter.near);
+        is_match = matches(pattern, text, filter.near);
         last = std::move(text);
         first = false;
       }
-      if (fitted) found.push_back({rows.integer(2), rows.integer(0)});
+      if (is_match) entries.push_back({rows.integer(2), rows.integer(0)});
     }
   };
   // Searches both the original and the corrected texts; `column` is the column of the text, `id`
   // that of the plate.
   const auto search = [&](const std::string& condition, const std::string& order,
                           const std::function<void(Statement&)>& bind) {
-    const auto with = [&](std::string text, const std::string& column, const std::string& id) {
+    const auto substituted = [&](std::string text, const std::string& column,
+                                 const std::string& id) {
       for (const auto& [name, value] : {std::pair{"{text}", column}, std::pair{"{id}", id}}) {
         for (std::size_t at = text.find(name); at != std::string::npos; at = text.find(name))
           text.replace(at, std::string_view(name).size(), value);
@@ -415,27 +417,29 @@ std::vector<PlateLog::Found> PlateLog::find(const LogFilter& filter) {
     };
     {
       Statement rows(database_, "SELECT id, text, last_time FROM plate" +
-                                    with(condition, "text", "id") + with(order, "text", "id"));
+                                    substituted(condition, "text", "id") +
+                                    substituted(order, "text", "id"));
       bind(rows);
-      look(rows);
+      collect(rows);
     }
     if (!corrected_) return;
     Statement rows(database_,
                    "SELECT p.id, c.text, p.last_time FROM plate_correction c JOIN plate p ON p.id "
                    "= c.plate" +
-                       with(condition, "c.text", "c.plate") +
-                       (condition.empty() ? " WHERE " : " AND ") + kLast +
-                       with(order, "c.text", "c.plate"));
+                       substituted(condition, "c.text", "c.plate") +
+                       (condition.empty() ? " WHERE " : " AND ") + kLastCorrection +
+                       substituted(order, "c.text", "c.plate"));
     bind(rows);
-    look(rows);
+    collect(rows);
   };
   const std::string begin = pattern.substr(0, pattern.find_first_of("*?"));
   if (!filter.near && begin.size() == pattern.size()) {
     search(" WHERE {text} = ?1", "",
            [&](Statement& rows) { rows.bind(1, std::string_view(pattern)); });
-    return found;
+    return entries;
   }
-  const std::vector<std::string> pieces = filter.near ? halves_of(pattern) : pieces_of(pattern);
+  const std::vector<std::string> pieces =
+      filter.near ? near_match_pieces(pattern) : required_pieces(pattern);
   const bool has_piece =
       indexed_ && !pieces.empty() && (filter.near || pieces[0].size() > begin.size());
   if (has_piece) {
@@ -444,31 +448,31 @@ std::vector<PlateLog::Found> PlateLog::find(const LogFilter& filter) {
     std::string query;
     const std::size_t count = std::min<std::size_t>(pieces.size(), 3);
     for (std::size_t k = 0; k < count; ++k) {
-      if (k > 0 && !filter.near && pieces[k].size() < kGram) break;
+      if (k > 0 && !filter.near && pieces[k].size() < kGramSize) break;
       if (k > 0) query += filter.near ? " UNION " : " INTERSECT ";
-      query += pieces[k].size() >= kGram
+      query += pieces[k].size() >= kGramSize
                    ? fmt::format("SELECT plate FROM plate_gram WHERE gram = ?{}", 2 * k + 1)
                    : fmt::format("SELECT plate FROM plate_gram WHERE gram >= ?{} AND gram < ?{}",
                                  2 * k + 1, 2 * k + 2);
     }
     search(" WHERE {id} IN (" + query + ")", "", [&](Statement& rows) {
       for (std::size_t k = 0; k < count; ++k) {
-        if (k > 0 && !filter.near && pieces[k].size() < kGram) break;
+        if (k > 0 && !filter.near && pieces[k].size() < kGramSize) break;
         rows.bind(static_cast<int>(2 * k + 1), std::string_view(pieces[k]));
-        if (pieces[k].size() < kGram)
-          rows.bind(static_cast<int>(2 * k + 2), std::string_view(after(pieces[k])));
+        if (pieces[k].size() < kGramSize)
+          rows.bind(static_cast<int>(2 * k + 2), std::string_view(prefix_end(pieces[k])));
       }
     });
-    return found;
+    return entries;
   }
   if (!filter.near && !begin.empty()) {
     search(" WHERE {text} >= ?1 AND {text} < ?2", "", [&](Statement& rows) {
-      rows.bind(1, std::string_view(begin)).bind(2, std::string_view(after(begin)));
+      rows.bind(1, std::string_view(begin)).bind(2, std::string_view(prefix_end(begin)));
     });
-    return found;
+    return entries;
   }
   search("", " ORDER BY {text}", [](Statement&) {});
-  return found;
+  return entries;
 }
 
 std::string PlateLog::columns() const {
@@ -491,38 +495,39 @@ std::optional<LoggedPlate> PlateLog::entry(std::int64_t id) {
 
 std::int64_t PlateLog::query(const LogFilter& filter,
                              const std::function<bool(const LoggedPlate&)>& take) {
-  constexpr std::int64_t kFarthest = std::numeric_limits<std::int64_t>::max();
-  const std::int64_t since = filter.since ? number_of(*filter.since) : -kFarthest;
-  const std::int64_t until = filter.until ? number_of(*filter.until) : kFarthest;
+  constexpr std::int64_t kMaxTime = std::numeric_limits<std::int64_t>::max();
+  const std::int64_t since = filter.since ? number_of(*filter.since) : -kMaxTime;
+  const std::int64_t until = filter.until ? number_of(*filter.until) : kMaxTime;
   const std::string selected = columns();
-  const std::string wanted = "last_time >= ?1 AND first_time <= ?2 AND (?3 = '' OR source = ?3) ";
+  const std::string condition =
+      "last_time >= ?1 AND first_time <= ?2 AND (?3 = '' OR source = ?3) ";
   const auto bind = [&](Statement& rows) {
     rows.bind(1, since).bind(2, until).bind(3, std::string_view(filter.source));
   };
-  std::int64_t taken = 0;
-  const auto is_enough = [&] { return filter.limit > 0 && taken >= filter.limit; };
+  std::int64_t entry_count = 0;
+  const auto is_enough = [&] { return filter.limit > 0 && entry_count >= filter.limit; };
   if (filter.text.empty()) {
     Statement rows(database_,
-                   selected + "WHERE " + wanted + "ORDER BY last_time DESC, plate.id DESC");
+                   selected + "WHERE " + condition + "ORDER BY last_time DESC, plate.id DESC");
     bind(rows);
     while (!is_enough() && rows.step()) {
-      ++taken;
+      ++entry_count;
       if (!take(plate_at(rows))) break;
     }
-    return taken;
+    return entry_count;
   }
   const ReadTransaction moment(database_);  // the entries must be those found above
-  std::vector<Found> found = find(filter);
-  std::erase_if(found, [&](const Found& entry) { return entry.last_time < since; });
-  std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) {
+  std::vector<Match> entries = find_matches(filter);
+  std::erase_if(entries, [&](const Match& entry) { return entry.last_time < since; });
+  std::sort(entries.begin(), entries.end(), [](const Match& a, const Match& b) {
     return a.last_time != b.last_time ? a.last_time > b.last_time : a.id > b.id;
   });
   // Both texts of an entry may match.
-  found.erase(std::unique(found.begin(), found.end(),
-                          [](const Found& a, const Found& b) { return a.id == b.id; }),
-              found.end());
-  Statement row(database_, selected + "WHERE plate.id = ?4 AND " + wanted);
-  for (const Found& entry : found) {
+  entries.erase(std::unique(entries.begin(), entries.end(),
+                            [](const Match& a, const Match& b) { return a.id == b.id; }),
+                entries.end());
+  Statement row(database_, selected + "WHERE plate.id = ?4 AND " + condition);
+  for (const Match& entry : entries) {
     if (is_enough()) break;
     bind(row);
     row.bind(4, entry.id);
@@ -530,10 +535,10 @@ std::int64_t PlateLog::query(const LogFilter& filter,
     if (row.step()) plate = plate_at(row);
     row.reset();
     if (!plate) continue;
-    ++taken;
+    ++entry_count;
     if (!take(*plate)) break;
   }
-  return taken;
+  return entry_count;
 }
 
 std::vector<std::uint8_t> PlateLog::crop(std::int64_t id) {
@@ -556,7 +561,7 @@ PlateHistory PlateLog::history(const std::string& text, Moment moment) {
                 "NOT EXISTS (SELECT 1 FROM plate_correction c WHERE c.plate = p.id AND "
                 "c.text <> ?1 AND {0}) UNION SELECT c.plate FROM plate_correction c WHERE "
                 "c.text = ?1 AND {0})",
-                kLast)
+                kLastCorrection)
           : "SELECT count(*), min(first_time), max(last_time) FROM plate WHERE text = ?1 AND "
             "last_time < ?2";
   Statement row(database_, query);
@@ -578,19 +583,19 @@ std::int64_t PlateLog::forget(Moment now, std::chrono::milliseconds age,
         fmt::format("nothing is deleted, as the clock says {}: set it first", moment_text(now)));
   }
   const std::int64_t cutoff = number_of(now - age);
-  struct Old {
+  struct OldEntry {
     std::int64_t id = 0;
     std::int64_t last_time = 0;
     std::string text;
-    bool is_sure = true;
-    bool is_new_to_us = false;
+    bool is_certain = true;
+    bool is_unmarked = false;
   };
   std::int64_t deleted = 0;
   std::int64_t from_time = std::numeric_limits<std::int64_t>::min();
   std::int64_t from_id = from_time;
   while (true) {
     Transaction together(database_);
-    std::vector<Old> batch;
+    std::vector<OldEntry> batch;
     {
       Statement rows(
           database_,
@@ -601,37 +606,37 @@ std::int64_t PlateLog::forget(Moment now, std::chrono::milliseconds age,
           "?4");
       rows.bind(1, from_time).bind(2, from_id).bind(3, cutoff).bind(4, std::int64_t{options.batch});
       while (rows.step()) {
-        Old old{rows.integer(0), rows.integer(1), rows.text(2)};
+        OldEntry entry{rows.integer(0), rows.integer(1), rows.text(2)};
         if (rows.integer(3) != 0) {
           const bool seen_long_ago = !rows.is_null(4) && rows.integer(4) < cutoff;
           const bool long_before_others =
-              !rows.is_null(5) && rows.integer(5) - old.last_time > age.count();
-          old.is_sure = seen_long_ago || long_before_others;
-          old.is_new_to_us = rows.is_null(4);
+              !rows.is_null(5) && rows.integer(5) - entry.last_time > age.count();
+          entry.is_certain = seen_long_ago || long_before_others;
+          entry.is_unmarked = rows.is_null(4);
         }
-        batch.push_back(std::move(old));
+        batch.push_back(std::move(entry));
       }
     }
     if (batch.empty()) break;
     from_time = batch.back().last_time;
     from_id = batch.back().id;
     const std::int64_t before = deleted;
-    for (const Old& old : batch) {
-      if (old.is_sure) {
-        remove(old.id);
+    for (const OldEntry& entry : batch) {
+      if (entry.is_certain) {
+        remove(entry.id);
         ++deleted;
-      } else if (old.is_new_to_us) {
+      } else if (entry.is_unmarked) {
         Statement(database_, "UPDATE plate_mark SET retain_from = ? WHERE plate = ?")
             .bind(1, number_of(now))
-            .bind(2, old.id)
+            .bind(2, entry.id)
             .step();
       }
     }
     together.commit();
-    if (options.between && deleted > before) options.between(deleted);
+    if (options.after_batch && deleted > before) options.after_batch(deleted);
     if (batch.size() < static_cast<std::size_t>(options.batch)) break;
   }
-  if (deleted > 0) give_room_back(database_, deleted, options);
+  if (deleted > 0) reclaim_space(database_, deleted, options);
   return deleted;
 }
 

@@ -70,7 +70,7 @@ struct ForgetOptions {
   // Called after each transaction with the number of entries deleted so far. Nothing is locked
   // meanwhile, so other writers can proceed if this function waits. It may throw to end the
   // deletion.
-  std::function<void(std::int64_t deleted)> between;
+  std::function<void(std::int64_t deleted)> after_batch;
 
   [[nodiscard]] OptionFields fields() { return {{"batch", batch, range(1, 100'000)}}; }
   void check() const { check_fields(*this); }
@@ -83,7 +83,7 @@ struct ForgetOptions {
 class PlateLog {
  public:
   explicit PlateLog(const std::string& path, DatabaseAccess access = DatabaseAccess::kCreate,
-                    int patience_ms = 5000);
+                    int lock_timeout_ms = 5000);
 
   // Adds a complete entry with its image. Passwords in the source are removed. Returns the entry's
   // id. Throws OutputError.
@@ -92,10 +92,10 @@ class PlateLog {
   // --- for recorders: entries that are updated (recorder.h) ---
 
   // Registers a program that writes open entries. Open entries of programs that have died become
-  // interrupted; their times do not change. `process` names the program. `lives` returns whether a
-  // program of that name is still running.
+  // interrupted; their times do not change. `process` names the program. `is_alive` returns whether
+  // a program of that name is still running.
   std::int64_t begin_run(const std::string& process,
-                         const std::function<bool(const std::string& process)>& lives);
+                         const std::function<bool(const std::string& process)>& is_alive);
   void end_run(std::int64_t run);
 
   // Writes an entry, closed or open according to the event's state. If `id` is 0, or no entry has
@@ -112,7 +112,7 @@ class PlateLog {
 
   // Makes several of the calls above atomic.
   [[nodiscard]] Transaction transaction() { return Transaction(database_); }
-  void set_patience(int milliseconds) { database_.set_patience(milliseconds); }
+  void set_lock_timeout(int milliseconds) { database_.set_patience(milliseconds); }
   [[nodiscard]] const std::string& path() const { return database_.path(); }
 
   // --- for readers ---
@@ -150,11 +150,11 @@ class PlateLog {
   std::int64_t forget(Moment now, std::chrono::milliseconds age, const ForgetOptions& options = {});
 
  private:
-  struct Found {
+  struct Match {
     std::int64_t last_time = 0;
     std::int64_t id = 0;
   };
-  [[nodiscard]] std::vector<Found> find(const LogFilter& filter);
+  [[nodiscard]] std::vector<Match> find_matches(const LogFilter& filter);
   [[nodiscard]] std::string columns() const;  // for plate_at(), and the tables
   void add_grams(std::int64_t id, const std::string& text);
   void remove_grams(std::int64_t id, const std::string& text);

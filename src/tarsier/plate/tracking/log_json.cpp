@@ -60,13 +60,13 @@ nlohmann::ordered_json logged_json(const LoggedPlate& plate, const std::string& 
 }
 
 nlohmann::ordered_json history_json(const PlateHistory& history, const PlateEvent& event) {
-  const auto seen = [&](Moment moment) {
+  const auto time_json = [&](Moment moment) {
     return history.visits == 0 ? nlohmann::ordered_json()
                                : nlohmann::ordered_json(moment_text(moment));
   };
   return {{"seen_before", history.visits},
-          {"first_time", seen(history.first_time)},
-          {"last_time", seen(history.last_time)},
+          {"first_time", time_json(history.first_time)},
+          {"last_time", time_json(history.last_time)},
           {"dwell", static_cast<double>((event.last_seen - event.first_seen).count()) / 1000}};
 }
 

@@ -21,7 +21,7 @@ using ::testing::IsEmpty;
 
 Moment at(const std::string& text) { return parse_moment(text, {}, false, "time"); }
 
-TEST(TimeTest, MomentsAreReadAndWritten) {
+TEST(TimeTest, ParsesAndFormatsMoments) {
   EXPECT_EQ(moment_text(at("2024-05-01")), "2024-05-01T00:00:00.000Z");
   EXPECT_EQ(moment_text(at("2024-02-29T23:59")), "2024-02-29T23:59:00.000Z");
   EXPECT_EQ(moment_text(at("2024-05-01 12:30:15.25Z")), "2024-05-01T12:30:15.250Z");
@@ -37,7 +37,7 @@ TEST(TimeTest, MomentsAreReadAndWritten) {
   }
 }
 
-TEST(TimeTest, DurationsAreReadAndBounded) {
+TEST(TimeTest, ParsesAndLimitsDurations) {
   EXPECT_EQ(parse_duration("90s", "keep"), std::chrono::seconds(90));
   EXPECT_EQ(parse_duration("30d", "keep"), std::chrono::hours(720));
   EXPECT_EQ(parse_duration("0m", "keep"), std::chrono::seconds(0));
@@ -107,7 +107,7 @@ class PlateLogTest : public FolderTest {
   }
 };
 
-TEST_F(PlateLogTest, EntriesComeBackWhole) {
+TEST_F(PlateLogTest, EntriesRoundTrip) {
   fill();
   PlateLog log = open(DatabaseAccess::kRead);
   LogFilter filter;
@@ -165,7 +165,7 @@ TEST_F(PlateLogTest, FiltersByTextTimeSourceAndNumber) {
   EXPECT_THAT(texts(log, filter), ElementsAre("5678FGH"));
 }
 
-TEST_F(PlateLogTest, ForgettingGivesTheRoomBack) {
+TEST_F(PlateLogTest, ForgetFreesDiskSpace) {
   {
     PlateLog log = open();
     PlateEvent event = event_of("1234BCD", 0, 1);
@@ -184,14 +184,14 @@ TEST_F(PlateLogTest, ForgettingGivesTheRoomBack) {
   EXPECT_LT(std::filesystem::file_size(path("plates.db")), before / 4);
 }
 
-TEST_F(PlateLogTest, IdsAreNotUsedAgain) {
+TEST_F(PlateLogTest, IdsAreNotReused) {
   PlateLog log = open();
   const std::int64_t first = add(log, event_of("1234BCD", 0, 1), "cam", at("2024-05-01"));
   log.forget(at("2024-06-02"), std::chrono::hours(24));
   EXPECT_GT(add(log, event_of("1234BCD", 0, 1), "cam", at("2024-05-01")), first);
 }
 
-TEST_F(PlateLogTest, PasswordsStayOut) {
+TEST_F(PlateLogTest, RemovesPasswordsFromSources) {
   PlateLog log = open();
   add(log, event_of("1234BCD", 0, 1), "http://me:secret@host/cam", at("2024-05-01"));
   log.query({}, [](const LoggedPlate& plate) {
@@ -201,7 +201,7 @@ TEST_F(PlateLogTest, PasswordsStayOut) {
   });
 }
 
-TEST_F(PlateLogTest, ALockIsAnErrorAndTheLogGoesOnAfterIt) {
+TEST_F(PlateLogTest, StaysUsableAfterALock) {
   PlateLog log = open();
   add(log, event_of("1234BCD", 0, 1), "cam", at("2024-05-01"));
   {
@@ -214,7 +214,7 @@ TEST_F(PlateLogTest, ALockIsAnErrorAndTheLogGoesOnAfterIt) {
   EXPECT_EQ(log.count(), 2);
 }
 
-TEST_F(PlateLogTest, HostileEntriesAreErrorsOrHarmless) {
+TEST_F(PlateLogTest, HandlesMalformedEntries) {
   fill();
   {
     Database other(path("plates.db"), kThisVersion, DatabaseAccess::kWrite, 20);
@@ -234,7 +234,7 @@ TEST_F(PlateLogTest, HostileEntriesAreErrorsOrHarmless) {
 }
 
 // Each index finds the same entries as a comparison of every text with the pattern.
-TEST_F(PlateLogTest, SearchesFindWhatMatches) {
+TEST_F(PlateLogTest, IndexedSearchEqualsAFullScan) {
   Rng rng(11);
   std::vector<std::string> written;
   {
@@ -267,7 +267,7 @@ TEST_F(PlateLogTest, SearchesFindWhatMatches) {
   }
 }
 
-TEST_F(PlateLogTest, FilesOfTheFirstVersionAreReadAndThenBroughtUpToDate) {
+TEST_F(PlateLogTest, ReadsAndUpgradesVersionOne) {
   {
     Database first(path("plates.db"), kFirstVersion, DatabaseAccess::kCreate);
     for (const char* text : {"1234BCD", "5678FGH", "OQ1"}) {
@@ -284,15 +284,15 @@ TEST_F(PlateLogTest, FilesOfTheFirstVersionAreReadAndThenBroughtUpToDate) {
   LogFilter near;
   near.text = "001";
   near.near = true;
-  const auto look = [&](DatabaseAccess access) {
+  const auto expect_searches = [&](DatabaseAccess access) {
     PlateLog log = open(access);
     EXPECT_THAT(texts(log), ElementsAre("OQ1", "5678FGH", "1234BCD"));
     EXPECT_THAT(texts(log, filter), ElementsAre("5678FGH"));
     EXPECT_THAT(texts(log, near), ElementsAre("OQ1"));
   };
-  look(DatabaseAccess::kRead);
-  look(DatabaseAccess::kWrite);
-  look(DatabaseAccess::kRead);
+  expect_searches(DatabaseAccess::kRead);
+  expect_searches(DatabaseAccess::kWrite);
+  expect_searches(DatabaseAccess::kRead);
   // Its parts equal those of new entries.
   PlateLog log = open(DatabaseAccess::kWrite);
   PlateEvent event = event_of("5678FGH", 0, 1);
@@ -308,7 +308,7 @@ TEST_F(PlateLogTest, FilesOfTheFirstVersionAreReadAndThenBroughtUpToDate) {
   EXPECT_EQ(grams.text(0), grams.text(1));
 }
 
-TEST_F(PlateLogTest, OpenEntriesOfDeadProgramsAreInterruptedWithTheirTimes) {
+TEST_F(PlateLogTest, OpenEntriesOfDeadProgramsBecomeInterrupted) {
   PlateEvent event = event_of("1234BCD", 0, 1);
   event.state = PlateState::kOpened;
   event.first_seen = at("2024-05-01T12:00");
@@ -336,7 +336,7 @@ TEST_F(PlateLogTest, OpenEntriesOfDeadProgramsAreInterruptedWithTheirTimes) {
   EXPECT_THAT(states(), ElementsAre("open", "interrupted"));
 }
 
-TEST_F(PlateLogTest, OthersWriteWhileMuchIsDeleted) {
+TEST_F(PlateLogTest, OthersCanWriteBetweenBatchesOfForget) {
   {
     PlateLog log = open();
     Transaction together = log.transaction();
@@ -353,7 +353,7 @@ TEST_F(PlateLogTest, OthersWriteWhileMuchIsDeleted) {
   std::int64_t batches = 0;
   ForgetOptions options;
   options.batch = 10;
-  options.between = [&](std::int64_t deleted) {
+  options.after_batch = [&](std::int64_t deleted) {
     ++batches;
     add(other, event_of("5678FGH", 0, 1), "cam", at("2024-06-01"));
     EXPECT_EQ(reader.count(), 50 - deleted + batches);
@@ -364,11 +364,11 @@ TEST_F(PlateLogTest, OthersWriteWhileMuchIsDeleted) {
   LogFilter filter;
   filter.text = "*34B*";
   EXPECT_THAT(texts(log, filter), IsEmpty());
-  options.between = [](std::int64_t) { throw Interrupted(); };
+  options.after_batch = [](std::int64_t) { throw Interrupted(); };
   EXPECT_THROW(log.forget(at("2025-06-01"), std::chrono::hours(24), options), Interrupted);
 }
 
-TEST_F(PlateLogTest, AClockThatIsWrongDeletesNothingFresh) {
+TEST_F(PlateLogTest, ForgetKeepsRecentEntriesOfAWrongClock) {
   const auto month = std::chrono::hours(24 * 30);
   PlateLog log = open();
   const std::int64_t run = log.begin_run("me", [](const std::string&) { return true; });
@@ -406,14 +406,15 @@ TEST_F(PlateLogTest, AClockThatIsWrongDeletesNothingFresh) {
   EXPECT_EQ(log.forget(at("2026-06-02"), month), 1);
 }
 
-PlateCorrection said(const std::string& text, const std::string& when = "2024-06-01T08:00") {
+PlateCorrection correction_of(const std::string& text,
+                              const std::string& when = "2024-06-01T08:00") {
   return {text, "Ann", at(when)};
 }
 
-TEST_F(PlateLogTest, CorrectionsStandBesideWhatWasRead) {
+TEST_F(PlateLogTest, CorrectionKeepsTheOriginalText) {
   fill();
   PlateLog log = open(DatabaseAccess::kWrite);
-  log.correct(2, said("5678FCH"));
+  log.correct(2, correction_of("5678FCH"));
   std::optional<LoggedPlate> entry;
   LogFilter filter;
   filter.text = "5678FCH";
@@ -433,7 +434,7 @@ TEST_F(PlateLogTest, CorrectionsStandBesideWhatWasRead) {
 TEST_F(PlateLogTest, SearchesFindBothTextsOnce) {
   fill();
   PlateLog log = open(DatabaseAccess::kWrite);
-  log.correct(2, said("9876XYZ"));
+  log.correct(2, correction_of("9876XYZ"));
   for (const char* pattern :
        {"5678FGH", "56*", "*78F*", "?6*GH", "*", "9876XYZ", "98*", "*76X*", "?8*YZ", "*6?YZ"}) {
     LogFilter filter;
@@ -449,11 +450,11 @@ TEST_F(PlateLogTest, SearchesFindBothTextsOnce) {
   EXPECT_THAT(texts(log, near), ElementsAre("5678FGH"));
 }
 
-TEST_F(PlateLogTest, CorrectionsAreTakenBackOneByOne) {
+TEST_F(PlateLogTest, UndoRemovesTheLastCorrection) {
   fill();
   PlateLog log = open(DatabaseAccess::kWrite);
-  log.correct(2, said("9876XYZ"));
-  log.correct(2, said("5678XYZ"));
+  log.correct(2, correction_of("9876XYZ"));
+  log.correct(2, correction_of("5678XYZ"));
   LogFilter filter;
   filter.text = "*76X*";
   EXPECT_THAT(texts(log, filter), IsEmpty());
@@ -464,16 +465,16 @@ TEST_F(PlateLogTest, CorrectionsAreTakenBackOneByOne) {
   EXPECT_FALSE(log.undo_correction(2));
   filter.text = "*78F*";  // parts that both texts contain remain
   EXPECT_THAT(texts(log, filter), ElementsAre("5678FGH"));
-  EXPECT_THROW(log.correct(99, said("1")), InputError);
+  EXPECT_THROW(log.correct(99, correction_of("1")), InputError);
   EXPECT_THROW((void)log.undo_correction(99), InputError);
-  EXPECT_THROW(log.correct(2, said("b")), std::invalid_argument);
-  EXPECT_THROW(log.correct(2, said("")), std::invalid_argument);
+  EXPECT_THROW(log.correct(2, correction_of("b")), std::invalid_argument);
+  EXPECT_THROW(log.correct(2, correction_of("")), std::invalid_argument);
 }
 
-TEST_F(PlateLogTest, WhatIsForgottenTakesItsCorrectionWithIt) {
+TEST_F(PlateLogTest, RemoveDeletesTheCorrection) {
   fill();
   PlateLog log = open(DatabaseAccess::kWrite);
-  log.correct(1, said("9876XYZ"));
+  log.correct(1, correction_of("9876XYZ"));
   log.remove(1);
   Database raw(path("plates.db"), kThisVersion, DatabaseAccess::kRead);
   for (const char* query : {"SELECT count(*) FROM plate_correction",
@@ -484,13 +485,13 @@ TEST_F(PlateLogTest, WhatIsForgottenTakesItsCorrectionWithIt) {
   }
 }
 
-TEST_F(PlateLogTest, AnOpenEntryKeepsItsCorrection) {
+TEST_F(PlateLogTest, UpdatedEntryKeepsItsCorrection) {
   PlateLog log = open();
   PlateEvent event = event_of("1234BCD", 0, 1);
   event.first_seen = event.last_seen = at("2024-05-01");
   event.state = PlateState::kOpened;
   const std::int64_t id = log.put(event, 0, 1, {});
-  log.correct(id, said("1284BCD"));
+  log.correct(id, correction_of("1284BCD"));
   event.text = "1284BCO";
   (void)log.put(event, id, 1, {});
   LogFilter filter;
@@ -500,7 +501,7 @@ TEST_F(PlateLogTest, AnOpenEntryKeepsItsCorrection) {
   }
 }
 
-TEST_F(PlateLogTest, HistoryIsThatOfTheRightText) {
+TEST_F(PlateLogTest, HistoryUsesCorrectedTexts) {
   fill();
   PlateLog log = open(DatabaseAccess::kWrite);
   const Moment noon = at("2024-05-01T12:00");
@@ -511,12 +512,12 @@ TEST_F(PlateLogTest, HistoryIsThatOfTheRightText) {
   EXPECT_EQ(history.visits, 2);
   EXPECT_EQ(history.first_time, noon);
   EXPECT_EQ(history.last_time, at("2024-05-01T13:01:40"));
-  log.correct(1, said("5678FGH"));
+  log.correct(1, correction_of("5678FGH"));
   EXPECT_EQ(log.history("1234BCD", later).visits, 1);
   history = log.history("5678FGH", later);
   EXPECT_EQ(history.visits, 2);
   EXPECT_EQ(history.first_time, noon);
-  log.correct(2, said("5678FGH"));  // the same text: it was read rightly
+  log.correct(2, correction_of("5678FGH"));  // the same text: it was read rightly
   EXPECT_EQ(log.history("5678FGH", later).visits, 2);
 }
 

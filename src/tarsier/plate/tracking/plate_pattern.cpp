@@ -36,7 +36,7 @@ int pattern_edits(std::string_view pattern, std::string_view text) {
 }
 
 // Exact match: after a mismatch, continues from the latest '*'.
-bool fits(std::string_view pattern, std::string_view text) {
+bool matches_exactly(std::string_view pattern, std::string_view text) {
   std::size_t p = 0;
   std::size_t t = 0;
   std::size_t star = std::string_view::npos;
@@ -74,8 +74,8 @@ std::vector<std::string> literals_of(const std::string& pattern) {
 }
 
 // Two characters at the end of a text, with the end mark, are not the beginning of a gram.
-bool is_piece(std::string_view piece) {
-  return piece.size() >= kGram || (piece.size() == 2 && piece.back() != '$');
+bool is_indexed_piece(std::string_view piece) {
+  return piece.size() >= kGramSize || (piece.size() == 2 && piece.back() != '$');
 }
 
 }  // namespace
@@ -101,40 +101,41 @@ std::string plate_pattern(std::string_view text, std::string_view what) {
 }
 
 bool matches(std::string_view pattern, std::string_view text, bool near) {
-  if (!near) return fits(pattern, text);
+  if (!near) return matches_exactly(pattern, text);
   return pattern_edits(fold_symbols(pattern), fold_symbols(text)) <= 1;
 }
 
-std::vector<std::string> grams_of(const std::string& text) {
+std::vector<std::string> trigrams_of(const std::string& text) {
   const std::string folded = fold_symbols(std::string_view(text).substr(0, kMaxText)) + '$';
   std::vector<std::string> grams;
-  for (std::size_t k = 0; k == 0 || k + kGram <= folded.size(); ++k)
-    grams.push_back(folded.substr(k, kGram));
+  for (std::size_t k = 0; k == 0 || k + kGramSize <= folded.size(); ++k)
+    grams.push_back(folded.substr(k, kGramSize));
   std::sort(grams.begin(), grams.end());
   grams.erase(std::unique(grams.begin(), grams.end()), grams.end());
   return grams;
 }
 
-std::vector<std::string> pieces_of(const std::string& pattern) {
+std::vector<std::string> required_pieces(const std::string& pattern) {
   std::vector<std::string> pieces;
   for (const std::string& part : literals_of(pattern)) {
     std::size_t at = 0;
-    for (; at + kGram <= part.size(); at += kGram) pieces.push_back(part.substr(at, kGram));
-    if (is_piece(part.substr(at))) pieces.push_back(part.substr(at));
+    for (; at + kGramSize <= part.size(); at += kGramSize)
+      pieces.push_back(part.substr(at, kGramSize));
+    if (is_indexed_piece(part.substr(at))) pieces.push_back(part.substr(at));
   }
   std::stable_sort(pieces.begin(), pieces.end(),
                    [](const std::string& a, const std::string& b) { return a.size() > b.size(); });
   return pieces;
 }
 
-std::vector<std::string> halves_of(const std::string& pattern) {
-  std::vector<std::string> pieces = pieces_of(pattern);
+std::vector<std::string> near_match_pieces(const std::string& pattern) {
+  std::vector<std::string> pieces = required_pieces(pattern);
   if (pieces.size() >= 2) return {pieces[0], pieces[1]};
   for (const std::string& part : literals_of(pattern)) {
     if (part.size() < 4) continue;
     const std::string first = part.substr(0, 2);
-    const std::string second = part.substr(2, kGram);
-    if (is_piece(second)) return {first, second};
+    const std::string second = part.substr(2, kGramSize);
+    if (is_indexed_piece(second)) return {first, second};
   }
   return {};
 }

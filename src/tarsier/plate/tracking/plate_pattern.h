@@ -11,7 +11,7 @@
 // 4BC, BC0, C0$.
 namespace tarsier::plate {
 
-inline constexpr std::size_t kGram = 3;  // characters per piece
+inline constexpr std::size_t kGramSize = 3;  // characters per piece
 // Maximum characters of a pattern, of a correction, and of the indexed text.
 inline constexpr std::size_t kMaxText = 64;
 
@@ -24,14 +24,14 @@ inline constexpr std::size_t kMaxText = 64;
 [[nodiscard]] bool matches(std::string_view pattern, std::string_view text, bool near);
 
 // The pieces of the first 64 characters of a text, sorted, without duplicates.
-[[nodiscard]] std::vector<std::string> grams_of(const std::string& text);
+[[nodiscard]] std::vector<std::string> trigrams_of(const std::string& text);
 
-// Pieces that every matching text contains, longest first. They do not overlap. They have kGram
+// Pieces that every matching text contains, longest first. They do not overlap. They have kGramSize
 // characters where possible; a shorter one is the beginning of a piece.
-[[nodiscard]] std::vector<std::string> pieces_of(const std::string& pattern);
+[[nodiscard]] std::vector<std::string> required_pieces(const std::string& pattern);
 
 // Two pieces. A text within one edit contains at least one of them, because one edit can change
 // only one. Empty if the pattern is too short.
-[[nodiscard]] std::vector<std::string> halves_of(const std::string& pattern);
+[[nodiscard]] std::vector<std::string> near_match_pieces(const std::string& pattern);
 
 }  // namespace tarsier::plate

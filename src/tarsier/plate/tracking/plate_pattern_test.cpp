@@ -12,7 +12,7 @@ namespace {
 using testing::ElementsAre;
 using testing::IsEmpty;
 
-TEST(PatternTest, WildcardsAndOneError) {
+TEST(PatternTest, MatchesWildcardsAndOneEdit) {
   EXPECT_TRUE(matches("1234BCD", "1234BCD", false));
   EXPECT_FALSE(matches("1234BCD", "1234BCF", false));
   EXPECT_TRUE(matches("12?4*", "1284XYZ", false));
@@ -33,7 +33,7 @@ TEST(PatternTest, WildcardsAndOneError) {
   EXPECT_FALSE(matches("12?4*", "1985XYZ", true));
 }
 
-TEST(PatternTest, WhatPeopleTypeIsCleaned) {
+TEST(PatternTest, ParsesUserInput) {
   EXPECT_EQ(plate_pattern("b-12?4 *"), "B12?4*");
   for (const char* text : {"", " - ", "B%", "x;y", "\xC3\x91"}) {
     EXPECT_THROW((void)plate_pattern(text), UsageError) << text;
@@ -41,15 +41,15 @@ TEST(PatternTest, WhatPeopleTypeIsCleaned) {
   EXPECT_THROW((void)plate_pattern(std::string(100, '*')), UsageError);
 }
 
-TEST(PatternTest, PiecesAreThoseOfTheTextsThatMatch) {
-  EXPECT_THAT(grams_of("1234BC"), ElementsAre("123", "234", "34B", "4BC", "BC$"));
-  EXPECT_THAT(pieces_of("1234BC"), ElementsAre("123", "4BC"));
-  EXPECT_THAT(pieces_of("*4BC?"), ElementsAre("4BC"));
-  EXPECT_THAT(pieces_of("*4B*"), ElementsAre("4B"));
-  EXPECT_THAT(pieces_of("?"), IsEmpty());
-  EXPECT_THAT(halves_of("1234BC"), ElementsAre("123", "4BC"));
-  EXPECT_THAT(halves_of("1234"), ElementsAre("12", "34$"));
-  EXPECT_THAT(halves_of("12"), IsEmpty());
+TEST(PatternTest, PiecesOccurInMatchingTexts) {
+  EXPECT_THAT(trigrams_of("1234BC"), ElementsAre("123", "234", "34B", "4BC", "BC$"));
+  EXPECT_THAT(required_pieces("1234BC"), ElementsAre("123", "4BC"));
+  EXPECT_THAT(required_pieces("*4BC?"), ElementsAre("4BC"));
+  EXPECT_THAT(required_pieces("*4B*"), ElementsAre("4B"));
+  EXPECT_THAT(required_pieces("?"), IsEmpty());
+  EXPECT_THAT(near_match_pieces("1234BC"), ElementsAre("123", "4BC"));
+  EXPECT_THAT(near_match_pieces("1234"), ElementsAre("12", "34$"));
+  EXPECT_THAT(near_match_pieces("12"), IsEmpty());
 }
 
 }  // namespace

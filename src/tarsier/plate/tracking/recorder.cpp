@@ -65,7 +65,7 @@ struct Task {
   PlateEvent event;  // without its image
   std::optional<std::vector<std::uint8_t>> crop;
   std::chrono::milliseconds by{0};
-  std::uint64_t ticket = 0;
+  std::uint64_t sequence = 0;
 };
 
 }  // namespace
@@ -91,7 +91,7 @@ class PlateRecorder::Writer {
   Writer(const std::string& path, const RecorderOptions& options)
       : options_((options.check(), options)), log_(path) {
     run_ = log_.begin_run(process_name(), is_running);
-    log_.set_patience(options_.attempt_ms);
+    log_.set_lock_timeout(options_.attempt_ms);
     thread_ = std::jthread([this](const std::stop_token& stop) {
       try {
         work(stop);
@@ -111,13 +111,13 @@ class PlateRecorder::Writer {
     if (!replace(task)) {
       changed_.wait(lock, [&] { return error_ || count() < options_.max_waiting; });
       throw_error();
-      task.ticket = ++last_ticket_;
+      task.sequence = ++last_sequence_;
       tasks_.push_back(std::move(task));
     }
-    const std::uint64_t mine = last_ticket_;
+    const std::uint64_t own_sequence = last_sequence_;
     changed_.notify_all();
     changed_.wait_for(lock, seconds(options_.max_wait),
-                      [&] { return error_ || is_locked_ || written_ >= mine; });
+                      [&] { return error_ || is_locked_ || written_ >= own_sequence; });
   }
 
   // Whether the crop of this vehicle's best frame has not been submitted yet.
@@ -135,10 +135,10 @@ class PlateRecorder::Writer {
     throw_error();
   }
 
-  void finish(double patience_s) {
+  void finish(double timeout_s) {
     {
       std::unique_lock lock(mutex_);
-      changed_.wait_for(lock, seconds(patience_s), [&] { return error_ || count() == 0; });
+      changed_.wait_for(lock, seconds(timeout_s), [&] { return error_ || count() == 0; });
       throw_error();
       if (count() > 0) throw not_written();
     }
@@ -158,7 +158,7 @@ class PlateRecorder::Writer {
   }
 
  private:
-  [[nodiscard]] std::size_t count() const { return tasks_.size() + in_hand_; }
+  [[nodiscard]] std::size_t count() const { return tasks_.size() + being_written_; }
 
   void end_thread() {
     {
@@ -188,7 +188,7 @@ class PlateRecorder::Writer {
       if (!task.crop) task.crop = std::move(waiting->crop);
       // It moves to the end, because the vehicle it was merged into may wait before it.
       tasks_.erase(std::next(waiting).base());
-      task.ticket = ++last_ticket_;
+      task.sequence = ++last_sequence_;
       tasks_.push_back(std::move(task));
       return true;
     }
@@ -206,7 +206,7 @@ class PlateRecorder::Writer {
                       [&] { return !batch.empty() || !tasks_.empty() || stop.stop_requested(); });
         std::move(tasks_.begin(), tasks_.end(), std::back_inserter(batch));
         tasks_.clear();
-        in_hand_ = batch.size();
+        being_written_ = batch.size();
         if (batch.empty()) return;
       }
       try {
@@ -229,8 +229,8 @@ class PlateRecorder::Writer {
         log_info("{}: is free again, {} written", log_.path(), batch.size());
       const std::lock_guard lock(mutex_);
       is_locked_ = false;
-      written_ = batch.back().ticket;
-      in_hand_ = 0;
+      written_ = batch.back().sequence;
+      being_written_ = 0;
       batch.clear();
       changed_.notify_all();
     }
@@ -277,8 +277,8 @@ class PlateRecorder::Writer {
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::deque<Task> tasks_;
-  std::size_t in_hand_ = 0;
-  std::uint64_t last_ticket_ = 0;
+  std::size_t being_written_ = 0;
+  std::uint64_t last_sequence_ = 0;
   std::uint64_t written_ = 0;
   bool is_locked_ = false;
   std::exception_ptr error_;
@@ -316,7 +316,7 @@ void PlateRecorder::trust_clock() {
 
 void PlateRecorder::check() { writer_->check(); }
 
-void PlateRecorder::finish(double patience_s) { writer_->finish(patience_s); }
+void PlateRecorder::finish(double timeout_s) { writer_->finish(timeout_s); }
 
 std::size_t PlateRecorder::waiting() const { return writer_->waiting(); }
 

@@ -45,7 +45,7 @@ struct RecorderOptions {
 //
 //   PlateRecorder recorder("plates.db");
 //   for each frame:
-//     for (const PlateEvent& event : take_news(options, state)) recorder.record(event);
+//     for (const PlateEvent& event : take_updates(options, state)) recorder.record(event);
 //     for (const PlateEvent& event : closed) recorder.record(event);
 //   recorder.finish();
 //
@@ -73,9 +73,9 @@ class PlateRecorder {
   // record.
   void check();
 
-  // Waits until everything is written, until a lock has lasted for `max_lock`, or for `patience_s`.
+  // Waits until everything is written, until a lock has lasted for `max_lock`, or for `timeout_s`.
   // Throws OutputError, which says how many vehicles are not in the log.
-  void finish(double patience_s = 3600);
+  void finish(double timeout_s = 3600);
 
   [[nodiscard]] std::size_t waiting() const;  // vehicles that are not on the disk yet
 

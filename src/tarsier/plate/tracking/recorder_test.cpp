@@ -60,7 +60,7 @@ class Lock {
   std::optional<Transaction> transaction_;
 };
 
-TEST_F(RecorderTest, WhatIsOpenedIsOnTheDiskAtOnceAndGrows) {
+TEST_F(RecorderTest, WritesOpenEntriesAtOnceAndUpdatesThem) {
   RecorderOptions options;
   options.max_wait = 60;
   PlateRecorder recorder(path("plates.db"), options);
@@ -79,7 +79,7 @@ TEST_F(RecorderTest, WhatIsOpenedIsOnTheDiskAtOnceAndGrows) {
   EXPECT_THAT(entries(), ElementsAre("1284BCD closed 12:00:21", "9999ZZZ closed 12:00:03"));
 }
 
-TEST_F(RecorderTest, WhatDiedIsInterruptedAtTheNextStart) {
+TEST_F(RecorderTest, OpenEntriesOfDeadProcessesBecomeInterrupted) {
   {
     PlateRecorder recorder(path("plates.db"));
     recorder.record(event_of(1, "1234BCD", PlateState::kOpened));
@@ -96,7 +96,7 @@ TEST_F(RecorderTest, WhatDiedIsInterruptedAtTheNextStart) {
   EXPECT_THAT(entries(), ElementsAre("1234BCD interrupted 12:00:01"));
 }
 
-TEST_F(RecorderTest, ProcessesAreKnownByTheirNames) {
+TEST_F(RecorderTest, ProcessNamesAreUnique) {
   const std::string me = process_name();
   EXPECT_TRUE(is_running(me));
   EXPECT_FALSE(is_running(me + "1")) << "the same number, started at another time";
@@ -105,7 +105,7 @@ TEST_F(RecorderTest, ProcessesAreKnownByTheirNames) {
 }
 
 // Reading continues while another program locks the log, and nothing is lost.
-TEST_F(RecorderTest, FramesGoOnWhileTheLogIsLocked) {
+TEST_F(RecorderTest, QueuesEventsWhileTheLogIsLocked) {
   PlateRecorder recorder(path("plates.db"));
   Lock lock(path("plates.db"));
   const TrackerOptions options;
@@ -121,7 +121,7 @@ TEST_F(RecorderTest, FramesGoOnWhileTheLogIsLocked) {
     const cv::Mat image(200, 1000, CV_8UC3, cv::Scalar::all(90));
     EXPECT_TRUE(
         step_tracker(options, state, {index, 0.1 * index, image, readings, {}, "cam"}).empty());
-    for (const PlateEvent& event : take_news(options, state)) recorder.record(event);
+    for (const PlateEvent& event : take_updates(options, state)) recorder.record(event);
     recorder.check();
   };
   for (int k = 0; k < 8; ++k) frame(k);
@@ -137,7 +137,7 @@ TEST_F(RecorderTest, FramesGoOnWhileTheLogIsLocked) {
                                                        HasSubstr("3333BCD closed")));
 }
 
-TEST_F(RecorderTest, ALockThatDoesNotEndIsAnError) {
+TEST_F(RecorderTest, LongLockIsAnError) {
   RecorderOptions options;
   options.max_lock = 0;
   options.attempt_ms = 1;
@@ -154,7 +154,7 @@ TEST_F(RecorderTest, ALockThatDoesNotEndIsAnError) {
   EXPECT_THROW(recorder.check(), OutputError);
 }
 
-TEST_F(RecorderTest, AnInterruptedProgramDoesNotWaitForEver) {
+TEST_F(RecorderTest, FinishThrowsAtItsTimeout) {
   PlateRecorder recorder(path("plates.db"));
   Lock lock(path("plates.db"));
   recorder.record(event_of(1, "1234BCD", PlateState::kClosed));
@@ -164,7 +164,7 @@ TEST_F(RecorderTest, AnInterruptedProgramDoesNotWaitForEver) {
   EXPECT_THAT(entries(), ElementsAre("1234BCD closed 12:00:01"));
 }
 
-TEST_F(RecorderTest, ASetClockCorrectsWhatIsWritten) {
+TEST_F(RecorderTest, ShiftsEntriesOfAnUnsynchronizedClock) {
   PlateRecorder recorder(path("plates.db"));
   PlateEvent event = event_of(1, "1234BCD", PlateState::kClosed);
   recorder.record(event);
@@ -182,7 +182,7 @@ TEST_F(RecorderTest, ASetClockCorrectsWhatIsWritten) {
                                      "1234BCD closed 12:00:01"));
 }
 
-TEST_F(RecorderTest, AnEntryThatSomebodyDeletedIsWrittenAgain) {
+TEST_F(RecorderTest, WritesADeletedEntryAgain) {
   PlateRecorder recorder(path("plates.db"));
   recorder.record(event_of(1, "1234BCD", PlateState::kOpened));
   {
@@ -196,7 +196,7 @@ TEST_F(RecorderTest, AnEntryThatSomebodyDeletedIsWrittenAgain) {
   EXPECT_THAT(entries(), ElementsAre("1234BCD closed 12:00:01"));
 }
 
-TEST_F(RecorderTest, BadOptionsAreRefused) {
+TEST_F(RecorderTest, RejectsInvalidOptions) {
   RecorderOptions options;
   options.max_lock = -1;
   EXPECT_THROW(PlateRecorder(path("plates.db"), options), std::invalid_argument);

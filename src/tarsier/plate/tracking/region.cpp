@@ -16,7 +16,7 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr double kFarthest = 100'000;  // px
+constexpr double kMaxCoordinate = 100'000;  // px
 constexpr std::size_t kMaxCorners = 32;
 
 [[noreturn]] void refuse(std::string_view text) {
@@ -36,7 +36,7 @@ std::vector<double> numbers_of(std::string_view word, std::string_view whole) {
     double value = 0;
     const char* end = part.data() + part.size();
     const auto [after, error] = std::from_chars(part.data(), end, value);
-    if (error != std::errc() || after != end || !(value >= 0) || !(value <= kFarthest)) {
+    if (error != std::errc() || after != end || !(value >= 0) || !(value <= kMaxCoordinate)) {
       refuse(whole);
     }
     numbers.push_back(value);
@@ -81,14 +81,14 @@ std::vector<cv::Point> Region::outline(cv::Size image) const {
 }
 
 Region parse_region(std::string_view text) {
-  constexpr std::string_view kBetween = " \t;";
+  constexpr std::string_view kSeparators = " \t;";
   Region region;
   std::string_view rest = text;
   double largest = 0;
   while (true) {
-    rest.remove_prefix(std::min(rest.find_first_not_of(kBetween), rest.size()));
+    rest.remove_prefix(std::min(rest.find_first_not_of(kSeparators), rest.size()));
     if (rest.empty()) break;
-    const std::string_view word = rest.substr(0, rest.find_first_of(kBetween));
+    const std::string_view word = rest.substr(0, rest.find_first_of(kSeparators));
     rest.remove_prefix(word.size());
     const std::vector<double> numbers = numbers_of(word, text);
     for (const double number : numbers) largest = std::max(largest, number);

@@ -8,7 +8,7 @@
 namespace tarsier::plate {
 namespace {
 
-TEST(RegionTest, BoxesInPixelsAndInShares) {
+TEST(RegionTest, ParsesBoxesInPixelsAndFractions) {
   const Region pixels = parse_region("100,50,200,100");
   EXPECT_FALSE(pixels.relative);
   EXPECT_TRUE(pixels.contains({150, 60}, {640, 480}));
@@ -29,7 +29,7 @@ TEST(RegionTest, PolygonsMayBeConcave) {
   EXPECT_FALSE(region.contains({50, 60}, {200, 200}));
 }
 
-TEST(RegionTest, WhatIsNoRegionIsRefused) {
+TEST(RegionTest, RejectsInvalidRegions) {
   for (const char* text : {"", "1", "1,2", "1,2,3", "1,2,3,4,5", "0,0 1,1", "a,b,c,d", "1,2,nan,4",
                            "-1,2,3,4", "1,2,0,4", "0,0 1,1 2,2", "1,2,3,4 5,6", "1,2,3,4 5,6,7,8",
                            "0,0,1e9,1", "1,,3,4", "1,2,3,"}) {

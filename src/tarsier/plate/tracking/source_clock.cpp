@@ -15,8 +15,8 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds kDrift{2000};
-constexpr std::int64_t kDriftShare = 10'000;  // 100 ppm
+constexpr milliseconds kMaxDrift{2000};
+constexpr std::int64_t kDriftDivisor = 10'000;  // 100 ppm
 constexpr milliseconds kMaxAge = std::chrono::hours(1);
 
 // Uptime of the system, including sleep.
@@ -71,7 +71,7 @@ void SourceClock::begin(const SourceTimes& times, double first_time) {
 FrameMoment SourceClock::at(double time, std::chrono::steady_clock::time_point captured) {
   const Moment wall = clocks_.wall();
   const milliseconds uptime = clocks_.uptime();
-  watch(wall, uptime);
+  detect_step(wall, uptime);
   FrameMoment moment;
   if (!times_.live && times_.start) {
     moment.uptime = milliseconds_of(time - first_time_);
@@ -86,11 +86,12 @@ FrameMoment SourceClock::at(double time, std::chrono::steady_clock::time_point c
   return moment;
 }
 
-void SourceClock::watch(Moment wall, milliseconds uptime) {
+void SourceClock::detect_step(Moment wall, milliseconds uptime) {
   if (last_wall_) {
-    const milliseconds passed = uptime - last_uptime_;
-    const milliseconds off = (wall - *last_wall_) - passed;
-    if (std::chrono::abs(off) > kDrift + std::chrono::abs(passed) / kDriftShare) step_ += off;
+    const milliseconds elapsed = uptime - last_uptime_;
+    const milliseconds offset = (wall - *last_wall_) - elapsed;
+    if (std::chrono::abs(offset) > kMaxDrift + std::chrono::abs(elapsed) / kDriftDivisor)
+      step_ += offset;
   }
   last_wall_ = wall;
   last_uptime_ = uptime;

@@ -45,7 +45,7 @@ struct SourceTimes {
 //
 //   SourceClock clock(system_clocks());
 //   clock.begin({.live = true}, 0);                        // for each source
-//   const FrameMoment seen = clock.at(frame.time, frame.captured);
+//   const FrameMoment moment = clock.at(frame.time, frame.captured);
 //   if (const auto step = clock.take_step()) ..            // the wall clock was set by so much
 class SourceClock {
  public:
@@ -63,7 +63,7 @@ class SourceClock {
   [[nodiscard]] std::optional<std::chrono::milliseconds> take_step();
 
  private:
-  void watch(Moment wall, std::chrono::milliseconds uptime);
+  void detect_step(Moment wall, std::chrono::milliseconds uptime);
 
   Clocks clocks_;
   SourceTimes times_;

@@ -17,7 +17,7 @@ using std::chrono::milliseconds;
 Moment at(const std::string& text) { return parse_moment(text, {}, false, "time"); }
 
 // A machine whose clocks stand still unless the test moves them.
-struct Machine {
+struct FakeMachine {
   Moment wall = at("2026-05-01T12:00");
   milliseconds uptime{100'000};
   std::chrono::steady_clock::time_point steady{std::chrono::seconds(5000)};
@@ -34,22 +34,22 @@ struct Machine {
   }
 };
 
-TEST(SourceClockTest, AFrameIsOfTheMomentWhenItCame) {
-  Machine machine;
+TEST(SourceClockTest, LiveFrameHasItsTimeOfArrival) {
+  FakeMachine machine;
   SourceClock clock(machine.clocks());
   clock.begin({}, 0);
   EXPECT_EQ(clock.at(0, machine.steady).wall, at("2026-05-01T12:00"));
   machine.pass(milliseconds(2500));
   // The frame arrived 300 ms ago.
-  const FrameMoment seen = clock.at(2.2, machine.steady - milliseconds(300));
-  EXPECT_EQ(seen.wall, at("2026-05-01T12:00:02.200"));
-  EXPECT_EQ(seen.uptime, milliseconds(102'200));
-  EXPECT_TRUE(seen.synchronized);
+  const FrameMoment moment = clock.at(2.2, machine.steady - milliseconds(300));
+  EXPECT_EQ(moment.wall, at("2026-05-01T12:00:02.200"));
+  EXPECT_EQ(moment.uptime, milliseconds(102'200));
+  EXPECT_TRUE(moment.synchronized);
   EXPECT_EQ(clock.take_step(), std::nullopt);
 }
 
-TEST(SourceClockTest, AClockThatIsSetIsNoticedAndDriftIsNot) {
-  Machine machine;
+TEST(SourceClockTest, DetectsStepsButNotDrift) {
+  FakeMachine machine;
   machine.synchronized = false;
   machine.wall = at("2026-01-01");
   SourceClock clock(machine.clocks());
@@ -71,8 +71,8 @@ TEST(SourceClockTest, AClockThatIsSetIsNoticedAndDriftIsNot) {
   EXPECT_EQ(clock.take_step(), std::optional<milliseconds>(-3000));
 }
 
-TEST(SourceClockTest, SleepIsNoStep) {
-  Machine machine;
+TEST(SourceClockTest, SuspendIsNoStep) {
+  FakeMachine machine;
   SourceClock clock(machine.clocks());
   clock.begin({}, 0);
   (void)clock.at(0, machine.steady);
@@ -82,8 +82,8 @@ TEST(SourceClockTest, SleepIsNoStep) {
   EXPECT_EQ(clock.take_step(), std::nullopt);
 }
 
-TEST(SourceClockTest, BeforeTwentyTwentyFourNoClockIsRight) {
-  Machine machine;
+TEST(SourceClockTest, ClockBefore2024IsUnsynchronized) {
+  FakeMachine machine;
   machine.wall = at("2023-12-31T23:59");
   SourceClock clock(machine.clocks());
   clock.begin({}, 0);
@@ -92,8 +92,8 @@ TEST(SourceClockTest, BeforeTwentyTwentyFourNoClockIsRight) {
   EXPECT_TRUE(is_plausible(at("2024-01-01")));
 }
 
-TEST(SourceClockTest, ARecordingHasItsOwnTimes) {
-  Machine machine;
+TEST(SourceClockTest, RecordingStartsAtItsOwnTime) {
+  FakeMachine machine;
   const Moment start =
       recording_start(at("2026-04-01T10:10"), std::chrono::minutes(10), machine.wall);
   EXPECT_EQ(start, at("2026-04-01T10:00"));
@@ -105,23 +105,23 @@ TEST(SourceClockTest, ARecordingHasItsOwnTimes) {
   clock.begin({false, start}, 40);
   EXPECT_EQ(clock.at(40, machine.steady).wall, at("2026-04-01T10:00"));
   machine.wall += std::chrono::hours(1);  // has no effect here
-  const FrameMoment seen = clock.at(100.5, machine.steady);
-  EXPECT_EQ(seen.wall, at("2026-04-01T10:01:00.500"));
-  EXPECT_EQ(seen.uptime, milliseconds(60'500));
+  const FrameMoment moment = clock.at(100.5, machine.steady);
+  EXPECT_EQ(moment.wall, at("2026-04-01T10:01:00.500"));
+  EXPECT_EQ(moment.uptime, milliseconds(60'500));
 }
 
-TEST(SourceClockTest, ARecordingOfUnknownTimeKeepsItsDurations) {
-  Machine machine;
+TEST(SourceClockTest, RecordingOfUnknownTimeKeepsItsDurations) {
+  FakeMachine machine;
   SourceClock clock(machine.clocks());
   clock.begin({false, std::nullopt}, 0);
   (void)clock.at(0, machine.steady);
   machine.pass(milliseconds(100));  // read a hundred times faster than real time
-  const FrameMoment seen = clock.at(10, machine.steady);
-  EXPECT_EQ(seen.wall, machine.wall);
-  EXPECT_EQ(seen.uptime, milliseconds(10'000));
+  const FrameMoment moment = clock.at(10, machine.steady);
+  EXPECT_EQ(moment.wall, machine.wall);
+  EXPECT_EQ(moment.uptime, milliseconds(10'000));
 }
 
-TEST(SourceClockTest, AllClocksAreNeeded) {
+TEST(SourceClockTest, RejectsMissingClocks) {
   EXPECT_THROW(SourceClock({}), std::invalid_argument);
   const Clocks clocks = system_clocks();
   EXPECT_LE(clocks.uptime(), clocks.uptime());
@@ -132,8 +132,8 @@ TEST(SourceClockTest, AllClocksAreNeeded) {
 // A vehicle in front of a camera while NTP sets the clock.
 class SetClock : public testing::TestWithParam<std::chrono::hours> {};
 
-TEST_P(SetClock, StaysKeepTheirLengthAndEndRight) {
-  Machine machine;
+TEST_P(SetClock, EventsKeepTheirDurationAndEndTime) {
+  FakeMachine machine;
   machine.synchronized = false;
   SourceClock clock(machine.clocks());
   clock.begin({}, 0);
@@ -142,20 +142,20 @@ TEST_P(SetClock, StaysKeepTheirLengthAndEndRight) {
   Reading reading;
   reading.text = "1234BCD";
   reading.confidence = 0.9;
-  std::vector<PlateEvent> news;
+  std::vector<PlateEvent> updates;
   const auto frame = [&](int index, int x) {
     machine.pass(milliseconds(100));
     reading.box = {x, 100, 100, 20};
     TrackedFrame tracked{index, 0.1 * index, {}, {reading}, {}, "cam"};
-    tracked.seen = clock.at(tracked.time, machine.steady);
+    tracked.moment = clock.at(tracked.time, machine.steady);
     if (const auto step = clock.take_step()) shift_unsynchronized(state, *step);
     EXPECT_TRUE(step_tracker(options, state, tracked).empty());
-    for (PlateEvent& event : take_news(options, state)) news.push_back(std::move(event));
+    for (PlateEvent& event : take_updates(options, state)) updates.push_back(std::move(event));
   };
   for (int k = 0; k < 20; ++k) frame(k, 10 * k);
-  ASSERT_FALSE(news.empty());
-  EXPECT_EQ(news[0].state, PlateState::kOpened);
-  EXPECT_EQ(news[0].first_seen, at("2026-05-01T12:00:00.100"));
+  ASSERT_FALSE(updates.empty());
+  EXPECT_EQ(updates[0].state, PlateState::kOpened);
+  EXPECT_EQ(updates[0].first_seen, at("2026-05-01T12:00:00.100"));
   machine.wall += GetParam();
   machine.synchronized = true;
   for (int k = 20; k < 40; ++k) frame(k, 10 * k);

@@ -32,7 +32,7 @@ inline Reading noisy_reading(const std::string& text, cv::Rect box, double error
   reading.plate = 0.95;
   reading.confidence = 1;
   std::string runner_up;
-  double least = 2;
+  double min_confidence = 2;
   for (const char symbol : text) {
     if (rng.uniform() < 0.1 * error) continue;  // character is missed
     const bool right = rng.uniform() >= error;
@@ -44,8 +44,8 @@ inline Reading noisy_reading(const std::string& text, cv::Rect box, double error
     reading.text += character.symbol;
     reading.confidence *= character.confidence;
     runner_up += character.symbol;
-    if (character.confidence < least) {
-      least = character.confidence;
+    if (character.confidence < min_confidence) {
+      min_confidence = character.confidence;
       runner_up.back() = right ? other : symbol;
       if (reading.text.size() > 1) {
         runner_up = reading.text.substr(0, reading.text.size() - 1) + runner_up.back();

@@ -33,17 +33,17 @@ struct Scanner {
     return true;
   }
   void need(char c) { good = good && take(c); }
-  int number(std::size_t digits, int least, int most) {
+  int number(std::size_t digits, int min, int max) {
     int value = 0;
     for (std::size_t k = 0; k < digits; ++k) {
       if (k >= rest.size() || rest[k] < '0' || rest[k] > '9') {
         good = false;
-        return least;
+        return min;
       }
       value = 10 * value + (rest[k] - '0');
     }
     rest.remove_prefix(digits);
-    good = good && value >= least && value <= most;
+    good = good && value >= min && value <= max;
     return value;
   }
 };

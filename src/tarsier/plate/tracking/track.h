@@ -13,7 +13,7 @@
 // Internals of the tracker: one vehicle.
 namespace tarsier::plate {
 
-struct Evidence {
+struct TrackReading {
   TimedReading reading;
   Ballot ballot;
 };
@@ -23,22 +23,22 @@ struct Track {
   double first_time = 0;
   double last_time = 0;  // of the latest reading
   std::int64_t frames = 0;
-  std::int64_t words = 0;          // of these, readings without a digit
-  double plate_odds = 0;           // sum over the readings of log_odds(Reading::plate)
-  std::vector<Evidence> evidence;  // in order of time
-  std::vector<Candidate> voted;    // best first; may be a few readings behind, see vote_if_due
-  double agreement = 0;            // 0..1: mean similarity of the readings to the voted text
+  std::int64_t readings_without_digit = 0;
+  double plate_odds = 0;               // sum over the readings of log_odds(Reading::plate)
+  std::vector<TrackReading> readings;  // in order of time
+  std::vector<Candidate> voted;        // best first; may be a few readings behind, see vote_if_due
+  double agreement = 0;                // 0..1: mean similarity of the readings to the voted text
 
-  cv::Point2d center;    // px, at last_time
-  cv::Size2d size;       // px
-  cv::Point2d velocity;  // px/s
-  int moves = 0;         // number of velocity measurements
+  cv::Point2d center;      // px, at last_time
+  cv::Size2d size;         // px
+  cv::Point2d velocity;    // px/s
+  int velocity_count = 0;  // measurements
   // The vehicle has stayed near `anchor` since `anchor_time`.
   cv::Point2d anchor;
   double anchor_time = 0;
-  bool read_now = false;  // in the latest frame
+  bool is_in_latest_frame = false;  // it was read there
 
-  double surest = 0;  // highest confidence of a single reading
+  double max_confidence = 0;  // of a single reading
 
   double best_quality = -1;
   std::int64_t best_frame = 0;
@@ -51,13 +51,13 @@ struct Track {
   FrameMoment last_seen;  // of the latest reading
 
   // What was reported about it.
-  bool announced = false;
-  std::string announced_text;
-  double announced_last = 0;  // last_time at that moment
-  double next_update = 0;     // s, time of the frames
+  bool reported = false;
+  std::string reported_text;
+  double reported_last_time = 0;  // last_time at that moment
+  double next_update = 0;         // s, time of the frames
 };
 
-// Adds a reading: updates the motion, the evidence and the best crop.
+// Adds a reading: updates the motion, the list of readings and the best crop.
 void add_reading(Track& track, const Reading& reading, const TrackedFrame& frame, double time,
                  const TrackerOptions& options);
 
@@ -78,7 +78,7 @@ void vote_if_due(Track& track, const TrackerOptions& options);
 [[nodiscard]] double confidence_of(const Track& track);
 
 // Merges an earlier track of the same vehicle into `track`.
-void absorb(Track& track, Track&& earlier, const TrackerOptions& options);
+void merge_earlier(Track& track, Track&& earlier, const TrackerOptions& options);
 
 // Makes an event from the latest vote.
 [[nodiscard]] PlateEvent event_of(const Track& track, PlateState state);
@@ -87,13 +87,14 @@ void absorb(Track& track, Track&& earlier, const TrackerOptions& options);
 [[nodiscard]] double text_similarity(const std::string& a, const std::string& b);
 
 // Score of a reading for a vehicle; negative if it cannot be the same vehicle.
-[[nodiscard]] double fit(const Track& track, const Reading& reading, double time,
-                         const TrackerOptions& options);
+[[nodiscard]] double match_score(const Track& track, const Reading& reading, double time,
+                                 const TrackerOptions& options);
 
 // Whether `later`, which appeared after the last reading of `earlier`, is the same vehicle.
-[[nodiscard]] bool is_same(const Track& earlier, const Track& later, const TrackerOptions& options);
+[[nodiscard]] bool is_same_vehicle(const Track& earlier, const Track& later,
+                                   const TrackerOptions& options);
 
 // Seconds after the last reading until the vehicle is closed.
-[[nodiscard]] double patience_for(const Track& track, const TrackerOptions& options);
+[[nodiscard]] double close_timeout(const Track& track, const TrackerOptions& options);
 
 }  // namespace tarsier::plate

@@ -22,15 +22,15 @@ constexpr double kMinUpdate = 2;
 constexpr double kMaxUpdate = 60;
 
 // A plate may be found twice in a frame.
-bool is_double(const cv::Rect& a, const cv::Rect& b) {
-  const double common = (a & b).area();
+bool is_duplicate(const cv::Rect& a, const cv::Rect& b) {
+  const double overlap = (a & b).area();
   const double smaller = std::max(1, std::min(a.area(), b.area()));
-  return common / smaller > 0.6;
+  return overlap / smaller > 0.6;
 }
 
 // The readings inside the region, without duplicates, in the order of falling confidence.
-std::vector<const Reading*> counted_readings(const TrackerOptions& options,
-                                             const TrackedFrame& frame) {
+std::vector<const Reading*> unique_readings(const TrackerOptions& options,
+                                            const TrackedFrame& frame) {
   std::vector<const Reading*> readings;
   for (const Reading& reading : frame.readings) {
     if (reading.text.empty() || reading.box.empty()) continue;
@@ -44,14 +44,14 @@ std::vector<const Reading*> counted_readings(const TrackerOptions& options,
   std::stable_sort(readings.begin(), readings.end(), [](const Reading* a, const Reading* b) {
     return a->confidence > b->confidence;
   });
-  std::vector<const Reading*> single;
+  std::vector<const Reading*> unique;
   for (const Reading* reading : readings) {
-    const bool seen = std::any_of(single.begin(), single.end(), [&](const Reading* other) {
-      return is_double(other->box, reading->box);
+    const bool is_known = std::any_of(unique.begin(), unique.end(), [&](const Reading* other) {
+      return is_duplicate(other->box, reading->box);
     });
-    if (!seen) single.push_back(reading);
+    if (!is_known) unique.push_back(reading);
   }
-  return single;
+  return unique;
 }
 
 // The vehicle of each reading, or null: one to one by falling score.
@@ -60,36 +60,38 @@ std::vector<Track*> assign(const std::vector<const Reading*>& readings, TrackerS
   std::vector<std::tuple<double, std::size_t, std::size_t>> pairs;
   for (std::size_t t = 0; t < state.tracks.size(); ++t) {
     for (std::size_t r = 0; r < readings.size(); ++r) {
-      const double value = fit(*state.tracks[t], *readings[r], state.time, options);
+      const double value = match_score(*state.tracks[t], *readings[r], state.time, options);
       if (value >= 0) pairs.emplace_back(-value, t, r);
     }
   }
   std::sort(pairs.begin(), pairs.end());
-  std::vector<Track*> owners(readings.size(), nullptr);
-  std::vector<bool> taken(state.tracks.size(), false);
+  std::vector<Track*> assigned_tracks(readings.size(), nullptr);
+  std::vector<bool> is_assigned(state.tracks.size(), false);
   for (const auto& [cost, t, r] : pairs) {
-    if (owners[r] != nullptr || taken[t]) continue;
-    owners[r] = state.tracks[t].get();
-    taken[t] = true;
+    if (assigned_tracks[r] != nullptr || is_assigned[t]) continue;
+    assigned_tracks[r] = state.tracks[t].get();
+    is_assigned[t] = true;
   }
-  return owners;
+  return assigned_tracks;
 }
 
 // Merges a returned vehicle into its earlier track.
 void merge_returned(TrackerState& state, const TrackerOptions& options) {
   for (std::size_t later = 0; later < state.tracks.size(); ++later) {
-    if (!state.tracks[later]->read_now || state.tracks[later]->frames < options.min_readings) {
+    if (!state.tracks[later]->is_in_latest_frame ||
+        state.tracks[later]->frames < options.min_readings) {
       continue;
     }
     for (std::size_t earlier = 0; earlier < state.tracks.size(); ++earlier) {
-      if (earlier == later || !is_same(*state.tracks[earlier], *state.tracks[later], options)) {
+      if (earlier == later ||
+          !is_same_vehicle(*state.tracks[earlier], *state.tracks[later], options)) {
         continue;
       }
-      if (state.tracks[later]->announced) {
+      if (state.tracks[later]->reported) {
         state.withdrawn.push_back(event_of(*state.tracks[later], PlateState::kWithdrawn));
         state.withdrawn.back().merged_into = state.tracks[earlier]->id;
       }
-      absorb(*state.tracks[later], std::move(*state.tracks[earlier]), options);
+      merge_earlier(*state.tracks[later], std::move(*state.tracks[earlier]), options);
       state.tracks[earlier] = std::move(state.tracks[later]);
       state.tracks.erase(state.tracks.begin() + static_cast<std::ptrdiff_t>(later));
       --later;
@@ -106,15 +108,15 @@ void sort_by_time(std::vector<PlateEvent>& events) {
 
 // Removes the tracks for which is_over is true, and returns the events of those that were vehicles.
 template <typename Condition>
-std::vector<PlateEvent> take_out(TrackerState& state, const TrackerOptions& options,
-                                 const Condition& is_over) {
+std::vector<PlateEvent> remove_tracks(TrackerState& state, const TrackerOptions& options,
+                                      const Condition& is_over) {
   std::vector<PlateEvent> events;
   for (std::unique_ptr<Track>& track : state.tracks) {
     if (!is_over(*track)) continue;
     vote_now(*track, options);
     if (is_confirmed(*track, options)) {
       events.push_back(event_of(*track, PlateState::kClosed));
-    } else if (track->announced) {
+    } else if (track->reported) {
       state.withdrawn.push_back(event_of(*track, PlateState::kWithdrawn));
     }
     track.reset();
@@ -141,11 +143,11 @@ std::vector<PlateEvent> step_tracker(const TrackerOptions& options, TrackerState
   options.check();
   TARSIER_REQUIRE(std::isfinite(frame.time), "frame {} at {} s", frame.index, frame.time);
   state.time = state.tracks.empty() ? frame.time : std::max(state.time, frame.time);
-  for (const auto& track : state.tracks) track->read_now = false;
-  const std::vector<const Reading*> readings = counted_readings(options, frame);
-  const std::vector<Track*> owners = assign(readings, state, options);
+  for (const auto& track : state.tracks) track->is_in_latest_frame = false;
+  const std::vector<const Reading*> readings = unique_readings(options, frame);
+  const std::vector<Track*> assigned_tracks = assign(readings, state, options);
   for (std::size_t r = 0; r < readings.size(); ++r) {
-    Track* track = owners[r];
+    Track* track = assigned_tracks[r];
     if (track == nullptr) {
       if (state.tracks.size() >= kMaxTracks) continue;
       state.tracks.push_back(std::make_unique<Track>());
@@ -156,36 +158,37 @@ std::vector<PlateEvent> step_tracker(const TrackerOptions& options, TrackerState
     vote_if_due(*track, options);
   }
   merge_returned(state, options);
-  return take_out(state, options, [&](const Track& track) {
-    return state.time - track.last_time > patience_for(track, options);
+  return remove_tracks(state, options, [&](const Track& track) {
+    return state.time - track.last_time > close_timeout(track, options);
   });
 }
 
 std::vector<PlateEvent> flush_tracker(const TrackerOptions& options, TrackerState& state) {
   options.check();
-  return take_out(state, options, [](const Track&) { return true; });
+  return remove_tracks(state, options, [](const Track&) { return true; });
 }
 
-std::vector<PlateEvent> take_news(const TrackerOptions& options, TrackerState& state) {
-  std::vector<PlateEvent> news;
+std::vector<PlateEvent> take_updates(const TrackerOptions& options, TrackerState& state) {
+  std::vector<PlateEvent> updates;
   for (const auto& track : state.tracks) {
     if (!is_confirmed(*track, options)) continue;
-    const bool read_since = track->last_time > track->announced_last;
+    const bool read_since = track->last_time > track->reported_last_time;
     const bool out_of_sight = state.time - track->last_time > options.lost_after;
-    const bool due = !track->announced || text_of(*track) != track->announced_text ||
+    const bool due = !track->reported || text_of(*track) != track->reported_text ||
                      (read_since && (out_of_sight || state.time >= track->next_update));
     if (!due) continue;
-    news.push_back(event_of(*track, track->announced ? PlateState::kUpdated : PlateState::kOpened));
-    track->announced = true;
-    track->announced_text = text_of(*track);
-    track->announced_last = track->last_time;
+    updates.push_back(
+        event_of(*track, track->reported ? PlateState::kUpdated : PlateState::kOpened));
+    track->reported = true;
+    track->reported_text = text_of(*track);
+    track->reported_last_time = track->last_time;
     track->next_update = state.time + std::clamp(0.5 * (track->last_time - track->first_time),
                                                  kMinUpdate, kMaxUpdate);
   }
-  sort_by_time(news);
-  std::move(state.withdrawn.begin(), state.withdrawn.end(), std::back_inserter(news));
+  sort_by_time(updates);
+  std::move(state.withdrawn.begin(), state.withdrawn.end(), std::back_inserter(updates));
   state.withdrawn.clear();
-  return news;
+  return updates;
 }
 
 void shift_unsynchronized(TrackerState& state, std::chrono::milliseconds by) {
@@ -198,17 +201,17 @@ std::vector<LiveTrack> live_tracks(const TrackerOptions& options, const TrackerS
   std::vector<LiveTrack> live;
   for (const auto& track : state.tracks) {
     if (state.time - track->last_time > options.lost_after) continue;
-    LiveTrack shown;
-    shown.id = track->id;
-    shown.box = predicted_box(*track, state.time);
-    shown.read = track->read_now;
-    shown.text = text_of(*track);
-    shown.confidence = confidence_of(*track);
-    shown.country = track->voted.empty() ? "" : track->voted.front().country;
-    shown.first_time = track->first_time;
-    shown.frames = track->frames;
-    shown.confirmed = is_confirmed(*track, options);
-    live.push_back(std::move(shown));
+    LiveTrack live_track;
+    live_track.id = track->id;
+    live_track.box = predicted_box(*track, state.time);
+    live_track.read = track->is_in_latest_frame;
+    live_track.text = text_of(*track);
+    live_track.confidence = confidence_of(*track);
+    live_track.country = track->voted.empty() ? "" : track->voted.front().country;
+    live_track.first_time = track->first_time;
+    live_track.frames = track->frames;
+    live_track.confirmed = is_confirmed(*track, options);
+    live.push_back(std::move(live_track));
   }
   return live;
 }

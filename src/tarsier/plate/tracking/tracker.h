@@ -75,7 +75,7 @@ struct TrackerState {
   std::vector<std::unique_ptr<Track>> tracks;
   std::int64_t next_id = 1;
   double time = 0;                    // of the latest frame, s
-  std::vector<PlateEvent> withdrawn;  // kept until take_news()
+  std::vector<PlateEvent> withdrawn;  // kept until take_updates()
 };
 
 struct TrackedFrame {
@@ -83,7 +83,7 @@ struct TrackedFrame {
   double time = 0;  // s since the source's first frame; a step back counts as no time passing
   cv::Mat image;    // source of the best crops; if empty, there are no crops
   std::vector<Reading> readings;
-  FrameMoment seen{};    // wall-clock time; without it, events have no wall-clock times
+  FrameMoment moment{};  // wall-clock time; without it, events have no wall-clock times
   std::string source{};  // copied into events; all frames until a flush have one source
 };
 
@@ -111,15 +111,16 @@ struct LiveTrack {
 [[nodiscard]] std::vector<PlateEvent> flush_tracker(const TrackerOptions& options,
                                                     TrackerState& state);
 
-// Returns the news since the last call, for callers that record vehicles while these are in view.
-// Call it after step_tracker(), before handling the events of step_tracker(), and after
+// Returns the updates since the last call, for callers that record vehicles while these are in
+// view. Call it after step_tracker(), before handling the events of step_tracker(), and after
 // flush_tracker().
 //
 // kOpened: the vehicle is confirmed. kUpdated: its text has changed, it is out of view, or enough
 // time has passed (half of its stay so far, between 2 and 60 s). kWithdrawn, listed last: an opened
 // vehicle is not a vehicle, or is an earlier one that returned. A vehicle that is confirmed only
 // when it has gone is closed without being opened.
-[[nodiscard]] std::vector<PlateEvent> take_news(const TrackerOptions& options, TrackerState& state);
+[[nodiscard]] std::vector<PlateEvent> take_updates(const TrackerOptions& options,
+                                                   TrackerState& state);
 
 // The wall clock was set forward by `by`: corrects the times of vehicles last read while it was not
 // synchronized.

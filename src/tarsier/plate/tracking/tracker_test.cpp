@@ -31,9 +31,9 @@ Reading reading_at(const std::string& text, double x, double y, double width = 1
 }
 
 // Processes frames and keeps the events.
-class Road {
+class TrackerRunner {
  public:
-  explicit Road(TrackerOptions options = {}) : options_(std::move(options)) {}
+  explicit TrackerRunner(TrackerOptions options = {}) : options_(std::move(options)) {}
 
   void frame(const std::vector<Reading>& readings, const cv::Mat& image = {}) {
     keep(step_tracker(options_, state_, {index_, time(), image, readings}));
@@ -67,81 +67,81 @@ std::vector<std::string> texts_of(const std::vector<PlateEvent>& events) {
   return texts;
 }
 
-TEST(TrackerTest, OneCarIsOneEventThoughFramesMissIt) {
-  Road road;
+TEST(TrackerTest, MissedFramesDoNotSplitAVehicle) {
+  TrackerRunner runner;
   for (int k = 0; k < 28; ++k) {
-    road.frame(k % 4 == 3 || (k > 12 && k < 20)
-                   ? std::vector<Reading>{}
-                   : std::vector<Reading>{reading_at("1234BCD", 10 + 12 * k, 100 + 2 * k)});
+    runner.frame(k % 4 == 3 || (k > 12 && k < 20)
+                     ? std::vector<Reading>{}
+                     : std::vector<Reading>{reading_at("1234BCD", 10 + 12 * k, 100 + 2 * k)});
   }
-  const std::vector<LiveTrack> live = road.live();
+  const std::vector<LiveTrack> live = runner.live();
   ASSERT_EQ(live.size(), 1U);
   EXPECT_EQ(live[0].text, "1234BCD");
   EXPECT_TRUE(live[0].confirmed);
   EXPECT_FALSE(live[0].read);
   EXPECT_NEAR(live[0].box.x, 10 + 12 * 27, 12);  // continues in its direction
-  EXPECT_TRUE(road.events().empty());
-  road.wait(13);
-  ASSERT_EQ(road.events().size(), 1U);  // reported without a flush
-  EXPECT_TRUE(road.live().empty());
-  const PlateEvent event = road.finish()[0];
+  EXPECT_TRUE(runner.events().empty());
+  runner.wait(13);
+  ASSERT_EQ(runner.events().size(), 1U);  // reported without a flush
+  EXPECT_TRUE(runner.live().empty());
+  const PlateEvent event = runner.finish()[0];
   EXPECT_EQ(event.frames, 16);
   EXPECT_EQ(event.readings.size(), 16U);
   EXPECT_DOUBLE_EQ(event.first_time, 0);
   EXPECT_NEAR(event.last_time, 2.6, 1e-9);
 }
 
-// The result of take_news() for each frame.
-class NewsTest : public testing::Test {
+// The result of take_updates() for each frame.
+class UpdatesTest : public testing::Test {
  protected:
   std::vector<std::string> frame(const std::vector<Reading>& readings) {
     const double time = kStep * static_cast<double>(index_);
     const std::vector<PlateEvent> closed =
         step_tracker(options_, state_, {index_++, time, {}, readings});
-    std::vector<std::string> words = words_of(take_news(options_, state_));
-    for (std::string& word : words_of(closed)) words.push_back(std::move(word));
-    return words;
+    std::vector<std::string> lines = lines_of(take_updates(options_, state_));
+    for (std::string& line : lines_of(closed)) lines.push_back(std::move(line));
+    return lines;
   }
   std::vector<std::string> finish() {
-    std::vector<std::string> words = words_of(flush_tracker(options_, state_));
-    for (std::string& word : words_of(take_news(options_, state_)))
-      words.push_back(std::move(word));
-    return words;
+    std::vector<std::string> lines = lines_of(flush_tracker(options_, state_));
+    for (std::string& line : lines_of(take_updates(options_, state_)))
+      lines.push_back(std::move(line));
+    return lines;
   }
-  static std::vector<std::string> words_of(const std::vector<PlateEvent>& events) {
-    std::vector<std::string> words;
+  static std::vector<std::string> lines_of(const std::vector<PlateEvent>& events) {
+    std::vector<std::string> lines;
     for (const PlateEvent& event : events) {
-      words.push_back(std::string(name_of(event.state)) + ' ' + std::to_string(event.id) + ' ' +
+      lines.push_back(std::string(name_of(event.state)) + ' ' + std::to_string(event.id) + ' ' +
                       event.text);
-      if (event.merged_into > 0) words.back() += " into " + std::to_string(event.merged_into);
+      if (event.merged_into > 0) lines.back() += " into " + std::to_string(event.merged_into);
     }
-    return words;
+    return lines;
   }
   TrackerOptions options_;
   TrackerState state_;
   std::int64_t index_ = 0;
 };
 
-TEST_F(NewsTest, AVehicleIsOpenedAsSoonAsItIsCertain) {
+TEST_F(UpdatesTest, VehicleIsOpenedWhenConfirmed) {
   EXPECT_THAT(frame({reading_at("1234BCD", 0, 100)}), testing::IsEmpty());
   EXPECT_THAT(frame({reading_at("1234BCD", 10, 100)}), testing::IsEmpty());
   EXPECT_THAT(frame({reading_at("1234BCD", 20, 100)}), ElementsAre("opened 1 1234BCD"));
-  std::vector<std::string> news;
+  std::vector<std::string> updates;
   for (int k = 3; k < 60; ++k) {
-    for (std::string& word : frame({reading_at("1234BCD", 10 * k, 100)}))
-      news.push_back(std::move(word));
+    for (std::string& line : frame({reading_at("1234BCD", 10 * k, 100)}))
+      updates.push_back(std::move(line));
   }
-  EXPECT_THAT(news, ElementsAre("updated 1 1234BCD", "updated 1 1234BCD"));
-  news.clear();
+  EXPECT_THAT(updates, ElementsAre("updated 1 1234BCD", "updated 1 1234BCD"));
+  updates.clear();
   for (int k = 0; k < 20; ++k) {
-    for (std::string& word : frame({})) news.push_back(std::move(word));
+    for (std::string& line : frame({})) updates.push_back(std::move(line));
   }
-  EXPECT_THAT(news, ElementsAre("updated 1 1234BCD")) << "out of sight, with its last time";
+  EXPECT_THAT(updates, ElementsAre("updated 1 1234BCD")) << "out of sight, with its last time";
   EXPECT_THAT(finish(), ElementsAre("closed 1 1234BCD"));
   EXPECT_THAT(finish(), testing::IsEmpty());
 }
 
-TEST_F(NewsTest, ALongStayIsNotWrittenAllTheTime) {
+TEST_F(UpdatesTest, UpdatesOfALongStayAreLimited) {
   std::size_t updates = 0;
   options_.max_readings = 10;
   for (int k = 0; k < 6000; ++k) updates += frame({reading_at("1234BCD", 100, 100)}).size();
@@ -149,14 +149,14 @@ TEST_F(NewsTest, ALongStayIsNotWrittenAllTheTime) {
   EXPECT_LE(updates, 25U);
 }
 
-TEST_F(NewsTest, WhatTurnsOutToBeASignIsTakenBack) {
-  std::vector<std::string> news;
+TEST_F(UpdatesTest, OpenedSignIsWithdrawn) {
+  std::vector<std::string> updates;
   for (int k = 0; k < 100; ++k) {  // uncertain, and it never moves
-    for (std::string& word : frame({reading_at("NO12", 100, 100, 100, 0.55)}))
-      news.push_back(std::move(word));
+    for (std::string& line : frame({reading_at("NO12", 100, 100, 100, 0.55)}))
+      updates.push_back(std::move(line));
   }
-  ASSERT_FALSE(news.empty());
-  EXPECT_EQ(news[0], "opened 1 NO12");
+  ASSERT_FALSE(updates.empty());
+  EXPECT_EQ(updates[0], "opened 1 NO12");
   EXPECT_THAT(finish(), ElementsAre("withdrawn 1 NO12"));
 }
 
@@ -169,138 +169,138 @@ Reading sign_at(int k, double x) {
   return reading;
 }
 
-TEST(TrackerTest, AWordThatIsReadWithADigitNowAndThenIsASign) {
-  Road road;
-  for (int k = 0; k < 60; ++k) road.frame({sign_at(k, 100)});
-  EXPECT_THAT(road.finish(), testing::IsEmpty());
+TEST(TrackerTest, WordMisreadWithADigitIsASign) {
+  TrackerRunner runner;
+  for (int k = 0; k < 60; ++k) runner.frame({sign_at(k, 100)});
+  EXPECT_THAT(runner.finish(), testing::IsEmpty());
 }
 
 // Each reading is sure of its text, but is probably no plate.
-Reading lettering_at(double x) {
+Reading low_plate_reading_at(double x) {
   Reading reading = reading_at("CH00GOB", x, 100);
   reading.plate = 0.3;
   return reading;
 }
 
-TEST_F(NewsTest, WhatStandsAndHardlyLooksLikeAPlateIsNoVehicle) {
-  for (int k = 0; k < 100; ++k) EXPECT_THAT(frame({lettering_at(100)}), testing::IsEmpty());
+TEST_F(UpdatesTest, StandingTextOfLowPlateProbabilityIsNoVehicle) {
+  for (int k = 0; k < 100; ++k) EXPECT_THAT(frame({low_plate_reading_at(100)}), testing::IsEmpty());
   EXPECT_THAT(finish(), testing::IsEmpty());
 }
 
-TEST(TrackerTest, WhatMovesIsAVehicleThoughItsPlateIsHardToSee) {
-  Road road;
-  for (int k = 0; k < 8; ++k) road.frame({lettering_at(100 + 60 * k)});
-  EXPECT_THAT(texts_of(road.finish()), ElementsAre("CH00GOB"));
+TEST(TrackerTest, MovingTextOfLowPlateProbabilityIsAVehicle) {
+  TrackerRunner runner;
+  for (int k = 0; k < 8; ++k) runner.frame({low_plate_reading_at(100 + 60 * k)});
+  EXPECT_THAT(texts_of(runner.finish()), ElementsAre("CH00GOB"));
 }
 
-TEST(TrackerTest, AWordThatIsReadWithADigitNowAndThenIsAVehicleWhereWordsAre) {
+TEST(TrackerTest, WordIsAVehicleIfWordsAreAccepted) {
   TrackerOptions options;
   options.words = true;
-  Road road(options);
-  for (int k = 0; k < 60; ++k) road.frame({sign_at(k, 100 + 12 * k)});
-  EXPECT_THAT(texts_of(road.finish()), ElementsAre("C0HKCDY"));
+  TrackerRunner runner(options);
+  for (int k = 0; k < 60; ++k) runner.frame({sign_at(k, 100 + 12 * k)});
+  EXPECT_THAT(texts_of(runner.finish()), ElementsAre("C0HKCDY"));
 }
 
-TEST(TrackerTest, APlateWhoseDigitIsMissedNowAndThenIsAVehicle) {
-  Road road;
+TEST(TrackerTest, PlateMisreadWithoutItsDigitIsAVehicle) {
+  TrackerRunner runner;
   for (int k = 0; k < 60; ++k)
-    road.frame({reading_at(k % 3 == 0 ? "CDHKCDY" : "C0HKCDY", 100 + 12 * k, 100)});
-  EXPECT_THAT(texts_of(road.finish()), ElementsAre("C0HKCDY"));
+    runner.frame({reading_at(k % 3 == 0 ? "CDHKCDY" : "C0HKCDY", 100 + 12 * k, 100)});
+  EXPECT_THAT(texts_of(runner.finish()), ElementsAre("C0HKCDY"));
 }
 
-TEST_F(NewsTest, AVehicleThatWasTakenForANewOneIsTakenBack) {
+TEST_F(UpdatesTest, ReturnedVehicleIsWithdrawnAndMerged) {
   for (int k = 0; k < 10; ++k) (void)frame({reading_at("1234BCD", 20 * k, 100)});
   for (int k = 0; k < 30; ++k) (void)frame({});
-  std::vector<std::string> news;
+  std::vector<std::string> updates;
   for (int k = 0; k < 12; ++k) {  // the first readings are wrong
-    for (std::string& word : frame({k < 4 ? reading_at("7254RCO", 400 + 10 * k, 200, 100, 0.6)
+    for (std::string& line : frame({k < 4 ? reading_at("7254RCO", 400 + 10 * k, 200, 100, 0.6)
                                           : reading_at("1234BCD", 400 + 10 * k, 200, 100, 0.99)}))
-      news.push_back(std::move(word));
+      updates.push_back(std::move(line));
   }
-  EXPECT_THAT(news, testing::IsSupersetOf({"opened 2 7254RCO", "withdrawn 2 1234BCD into 1"}))
-      << testing::PrintToString(news);
+  EXPECT_THAT(updates, testing::IsSupersetOf({"opened 2 7254RCO", "withdrawn 2 1234BCD into 1"}))
+      << testing::PrintToString(updates);
   EXPECT_THAT(finish(), ElementsAre("closed 1 1234BCD"));
 }
 
-TEST(TrackerTest, TwoCarsSideBySideStayTwoThoughTheirTextsAreNear) {
-  Road road;
+TEST(TrackerTest, AdjacentCarsWithSimilarTextsStaySeparate) {
+  TrackerRunner runner;
   for (int k = 0; k < 20; ++k) {
     std::vector<Reading> readings{reading_at("1234BCD", 100, 100 + 3 * k),
                                   reading_at("1235BCD", 260, 100 + 3 * k)};
     if (k % 3 == 1) readings.erase(readings.begin());
     if (k % 5 == 3) readings.pop_back();
-    road.frame(readings);
+    runner.frame(readings);
   }
-  EXPECT_THAT(texts_of(road.finish()), UnorderedElementsAre("1234BCD", "1235BCD"));
+  EXPECT_THAT(texts_of(runner.finish()), UnorderedElementsAre("1234BCD", "1235BCD"));
 }
 
-TEST(TrackerTest, CarsThatCrossKeepTheirTexts) {
-  Road road;
+TEST(TrackerTest, CrossingCarsKeepTheirTexts) {
+  TrackerRunner runner;
   for (int k = 0; k < 40; ++k) {
     std::vector<Reading> readings{reading_at("1111BBB", 10 * k, 100, 60)};
     // The nearer vehicle hides the other one for some time.
     readings.push_back(reading_at("9999ZZZ", 400 - 10 * k, 102, 70));
     if (k >= 17 && k <= 22) readings.erase(readings.begin());
-    road.frame(readings);
+    runner.frame(readings);
   }
-  const std::vector<PlateEvent> events = road.finish();
+  const std::vector<PlateEvent> events = runner.finish();
   EXPECT_THAT(texts_of(events), UnorderedElementsAre("1111BBB", "9999ZZZ"));
   for (const PlateEvent& event : events) {
     for (const TimedReading& reading : event.readings) EXPECT_EQ(reading.text, event.text);
   }
 }
 
-TEST(TrackerTest, AnotherCarAtTheSamePlaceIsAnotherEvent) {
-  Road road;
-  for (int k = 0; k < 10; ++k) road.frame({reading_at("1234BCD", 100, 100)});
-  for (int k = 0; k < 10; ++k) road.frame({reading_at("5678FGH", 102, 101)});
-  EXPECT_THAT(texts_of(road.finish()), ElementsAre("1234BCD", "5678FGH"));
+TEST(TrackerTest, AnotherCarAtTheSamePositionIsANewEvent) {
+  TrackerRunner runner;
+  for (int k = 0; k < 10; ++k) runner.frame({reading_at("1234BCD", 100, 100)});
+  for (int k = 0; k < 10; ++k) runner.frame({reading_at("5678FGH", 102, 101)});
+  EXPECT_THAT(texts_of(runner.finish()), ElementsAre("1234BCD", "5678FGH"));
 }
 
-TEST(TrackerTest, ACarThatComesBackSoonIsTheSameOne) {
-  for (const double away : {3.0, 30.0}) {
-    Road road;
-    for (int k = 0; k < 10; ++k) road.frame({reading_at("1234BCD", 20 * k, 100)});
-    road.wait(away);
-    for (int k = 0; k < 10; ++k) road.frame({reading_at("1234BCD", 600 - 20 * k, 300)});
-    const std::vector<PlateEvent> events = road.finish();
-    ASSERT_EQ(events.size(), away < 10 ? 1U : 2U) << away;
-    EXPECT_EQ(events[0].frames, away < 10 ? 20 : 10);
+TEST(TrackerTest, CarThatReturnsInTimeIsTheSameVehicle) {
+  for (const double pause : {3.0, 30.0}) {
+    TrackerRunner runner;
+    for (int k = 0; k < 10; ++k) runner.frame({reading_at("1234BCD", 20 * k, 100)});
+    runner.wait(pause);
+    for (int k = 0; k < 10; ++k) runner.frame({reading_at("1234BCD", 600 - 20 * k, 300)});
+    const std::vector<PlateEvent> events = runner.finish();
+    ASSERT_EQ(events.size(), pause < 10 ? 1U : 2U) << pause;
+    EXPECT_EQ(events[0].frames, pause < 10 ? 20 : 10);
   }
 }
 
-TEST(TrackerTest, ItsFirstReadingAfterThePauseMayBeWrong) {
-  Road road;
-  for (int k = 0; k < 10; ++k) road.frame({reading_at("1234BCD", 20 * k, 100)});
-  road.wait(4);
+TEST(TrackerTest, ReturnedCarIsMergedAfterWrongFirstReadings) {
+  TrackerRunner runner;
+  for (int k = 0; k < 10; ++k) runner.frame({reading_at("1234BCD", 20 * k, 100)});
+  runner.wait(4);
   for (int k = 0; k < 8; ++k) {
-    road.frame({k < 2 ? reading_at("7Z34RCO", 400 + 10 * k, 200, 100, 0.2)
-                      : reading_at("1234BCD", 400 + 10 * k, 200)});
+    runner.frame({k < 2 ? reading_at("7Z34RCO", 400 + 10 * k, 200, 100, 0.2)
+                        : reading_at("1234BCD", 400 + 10 * k, 200)});
   }
-  const std::vector<PlateEvent> events = road.finish();
+  const std::vector<PlateEvent> events = runner.finish();
   ASSERT_EQ(events.size(), 1U);
   EXPECT_EQ(events[0].id, 1);
   EXPECT_EQ(events[0].frames, 18);
   EXPECT_DOUBLE_EQ(events[0].first_time, 0);
 }
 
-TEST(TrackerTest, AParkedCarIsOneEventForAllItsStay) {
+TEST(TrackerTest, ParkedCarIsOneEvent) {
   Rng rng(3);
-  Road road;
+  TrackerRunner runner;
   std::int64_t frames = 0;
   for (int minute = 0; minute < 10; ++minute) {
     for (int k = 0; k < 300; ++k) {
       Reading reading = noisy_reading("1234BCD", {200 + rng.integer(-2, 2), 150, 90, 20}, 0.1, rng);
       if (rng.uniform() < 0.3) {
-        road.frame({});
+        runner.frame({});
         continue;
       }
-      road.frame({reading});
+      runner.frame({reading});
       ++frames;
     }
-    road.wait(30);  // the vehicle is hidden
+    runner.wait(30);  // the vehicle is hidden
   }
-  const std::vector<PlateEvent> events = road.finish();
+  const std::vector<PlateEvent> events = runner.finish();
   ASSERT_EQ(events.size(), 1U);
   EXPECT_EQ(events[0].text, "1234BCD");
   EXPECT_EQ(events[0].frames, frames);
@@ -308,49 +308,49 @@ TEST(TrackerTest, AParkedCarIsOneEventForAllItsStay) {
   EXPECT_GT(events[0].last_time - events[0].first_time, 500);
 }
 
-TEST(TrackerTest, NoiseIsNoVehicle) {
+TEST(TrackerTest, RandomReadingsAreNoVehicle) {
   Rng rng(5);
-  Road road;
+  TrackerRunner runner;
   for (int k = 0; k < 300; ++k) {
     std::string text;
     for (int n = 0; n < 6; ++n) text += kAlphabet[static_cast<std::size_t>(rng.integer(0, 35))];
-    road.frame(k % 7 == 0 ? std::vector<Reading>{reading_at(text, rng.uniform(0, 1800),
-                                                            rng.uniform(0, 1000), 80, 0.05)}
-                          : std::vector<Reading>{});
+    runner.frame(k % 7 == 0 ? std::vector<Reading>{reading_at(text, rng.uniform(0, 1800),
+                                                              rng.uniform(0, 1000), 80, 0.05)}
+                            : std::vector<Reading>{});
   }
-  EXPECT_TRUE(road.finish().empty());
+  EXPECT_TRUE(runner.finish().empty());
 }
 
-TEST(TrackerTest, APlateFoundTwiceInAFrameIsOneCar) {
-  Road road;
+TEST(TrackerTest, DuplicateDetectionsAreOneVehicle) {
+  TrackerRunner runner;
   for (int k = 0; k < 10; ++k) {
-    road.frame(
+    runner.frame(
         {reading_at("1234BCD", 100 + 5 * k, 100), reading_at("234BCD", 110 + 5 * k, 101, 80, 0.5)});
   }
-  const std::vector<PlateEvent> events = road.finish();
+  const std::vector<PlateEvent> events = runner.finish();
   EXPECT_THAT(texts_of(events), ElementsAre("1234BCD"));
   EXPECT_EQ(events[0].frames, 10);
 }
 
-TEST(TrackerTest, OnlyTheRegionCounts) {
+TEST(TrackerTest, IgnoresReadingsOutsideTheRegion) {
   TrackerOptions options;
   options.region = parse_region("0,0,0.5,1");
-  Road road(options);
+  TrackerRunner runner(options);
   const cv::Mat image(480, 640, CV_8UC3, cv::Scalar::all(90));
   for (int k = 0; k < 10; ++k) {
-    road.frame({reading_at("1234BCD", 20, 100 + k), reading_at("5678FGH", 400, 100 + k)}, image);
+    runner.frame({reading_at("1234BCD", 20, 100 + k), reading_at("5678FGH", 400, 100 + k)}, image);
   }
-  EXPECT_THAT(texts_of(road.finish()), ElementsAre("1234BCD"));
+  EXPECT_THAT(texts_of(runner.finish()), ElementsAre("1234BCD"));
 }
 
-TEST(TrackerTest, TheBestFrameGivesTheCrop) {
-  Road road;
+TEST(TrackerTest, CropComesFromTheBestFrame) {
+  TrackerRunner runner;
   for (int k = 0; k < 10; ++k) {
     // Frame 6 has the highest confidence; each frame has its own grey level.
     const cv::Mat image(480, 640, CV_8UC3, cv::Scalar::all(10 * k));
-    road.frame({reading_at("1234BCD", 300 + k, 200, 100, k == 6 ? 0.95 : 0.6)}, image);
+    runner.frame({reading_at("1234BCD", 300 + k, 200, 100, k == 6 ? 0.95 : 0.6)}, image);
   }
-  const std::vector<PlateEvent> events = road.finish();
+  const std::vector<PlateEvent> events = runner.finish();
   ASSERT_EQ(events.size(), 1U);
   EXPECT_EQ(events[0].best_frame, 6);
   EXPECT_EQ(events[0].best_box.x, 306);
@@ -359,38 +359,38 @@ TEST(TrackerTest, TheBestFrameGivesTheCrop) {
   EXPECT_GE(events[0].best_crop.cols, 100);
 }
 
-TEST(TrackerTest, CropsAtTheBorderStayInTheImage) {
-  Road road;
+TEST(TrackerTest, CropsAreClippedToTheImage) {
+  TrackerRunner runner;
   const cv::Mat image(50, 60, CV_8UC3, cv::Scalar::all(9));
-  for (int k = 0; k < 3; ++k) road.frame({reading_at("1234BCD", -20, 40, 100)}, image);
-  for (int k = 0; k < 3; ++k) road.frame({reading_at("5678FGH", 500, 400, 100)}, image);
-  const std::vector<PlateEvent> events = road.finish();
+  for (int k = 0; k < 3; ++k) runner.frame({reading_at("1234BCD", -20, 40, 100)}, image);
+  for (int k = 0; k < 3; ++k) runner.frame({reading_at("5678FGH", 500, 400, 100)}, image);
+  const std::vector<PlateEvent> events = runner.finish();
   ASSERT_EQ(events.size(), 2U);
   EXPECT_LE(events[0].best_crop.cols, 60);
   EXPECT_TRUE(events[1].best_crop.empty());
 }
 
-TEST(TrackerTest, FewFramesASecondAreEnough) {
+TEST(TrackerTest, TracksAtTwoFramesPerSecond) {
   TrackerOptions options;
-  Road road(options);
+  TrackerRunner runner(options);
   // Two cars in sequence, each read once in half a second, far from the last position.
   for (int k = 0; k < 60; ++k) {
     std::vector<Reading> readings;
     if (k % 5 == 0 && k < 30) readings.push_back(reading_at("1234BCD", 30 * k, 100));
     if (k % 5 == 0 && k >= 25) readings.push_back(reading_at("5678FGH", 30 * (k - 25), 100));
-    road.frame(readings);
+    runner.frame(readings);
   }
-  EXPECT_THAT(texts_of(road.finish()), ElementsAre("1234BCD", "5678FGH"));
+  EXPECT_THAT(texts_of(runner.finish()), ElementsAre("1234BCD", "5678FGH"));
 }
 
 // One minute of traffic with errors: six cars, one parked, one far away.
-TEST(TrackerTest, AMinuteOfTrafficIsSixEvents) {
+TEST(TrackerTest, TracksSixCarsInNoisyTraffic) {
   const std::vector<std::string> texts{"1234BCD", "5678FGH", "0912JKL",
                                        "4455MNP", "8086RST", "7301VWX"};
   int right = 0;
   for (std::uint64_t seed = 1; seed <= 10; ++seed) {
     Rng rng(seed);
-    Road road;
+    TrackerRunner runner;
     for (int k = 0; k < 600; ++k) {
       std::vector<Reading> readings;
       const auto add = [&](std::size_t car, double x, double y, double width) {
@@ -409,26 +409,26 @@ TEST(TrackerTest, AMinuteOfTrafficIsSixEvents) {
       if (k > 200 && k < 400) add(3, 600 + 0.2 * (k - 200), 210, 28);  // far
       if (k > 260 && k < 330) add(4, 100 + 14.0 * (k - 260), 600, 110);
       if (k > 450 && k < 560) add(5, 200 + 3.0 * (k - 450), 700 - 2.0 * (k - 450), 140 - (k - 450));
-      road.frame(readings);
+      runner.frame(readings);
     }
-    const std::vector<PlateEvent> events = road.finish();
+    const std::vector<PlateEvent> events = runner.finish();
     EXPECT_EQ(events.size(), texts.size())
         << "seed " << seed << testing::PrintToString(texts_of(events));
     const std::set<std::string> known(texts.begin(), texts.end());
     for (const PlateEvent& event : events) {
-      const bool voted_right = known.contains(event.text);
-      right += voted_right ? 1 : 0;
+      const bool is_correct = known.contains(event.text);
+      right += is_correct ? 1 : 0;
       const auto best = std::max_element(
           event.readings.begin(), event.readings.end(),
           [](const TimedReading& a, const TimedReading& b) { return a.confidence < b.confidence; });
-      EXPECT_TRUE(voted_right || !known.contains(best->text))
+      EXPECT_TRUE(is_correct || !known.contains(best->text))
           << "seed " << seed << ": " << event.text << " against " << best->text;
     }
   }
   EXPECT_GE(right, 55);
 }
 
-TEST(TrackerTest, BadInputIsRefusedOrWithstood) {
+TEST(TrackerTest, HandlesInvalidInput) {
   TrackerOptions options;
   TrackerState state;
   EXPECT_THROW(
@@ -436,15 +436,15 @@ TEST(TrackerTest, BadInputIsRefusedOrWithstood) {
       std::invalid_argument);
   options.lost_after = 0;
   EXPECT_THROW((void)step_tracker(options, state, {0, 0, {}, {}}), std::invalid_argument);
-  Road road;
+  TrackerRunner runner;
   for (int k = 0; k < 5; ++k) {
     std::vector<Reading> readings(300, reading_at("", 10, 10));
     for (int n = 0; n < 300; ++n) {
       readings.push_back(reading_at("AB" + std::to_string(n), 110 * (n % 20), 40 * (n / 20)));
     }
-    road.frame(readings);
+    runner.frame(readings);
   }
-  EXPECT_EQ(road.live().size(), 300U);
+  EXPECT_EQ(runner.live().size(), 300U);
   // A clock that steps back.
   options = {};
   (void)step_tracker(options, state, {0, 100, {}, {reading_at("1234BCD", 10, 10)}});
@@ -455,7 +455,7 @@ TEST(TrackerTest, BadInputIsRefusedOrWithstood) {
   EXPECT_GE(events[0].last_time, events[0].first_time);
 }
 
-TEST(EventTest, AStillsReadingIsAnEvent) {
+TEST(EventTest, EventOfAStillReading) {
   const cv::Mat image(480, 2000, CV_8UC3, cv::Scalar::all(7));
   const PlateEvent event = event_of(reading_at("1234BCD", 100, 100, 900), image);
   EXPECT_EQ(event.text, "1234BCD");
@@ -464,10 +464,10 @@ TEST(EventTest, AStillsReadingIsAnEvent) {
   EXPECT_TRUE(event_of(reading_at("1234BCD", 0, 0), cv::Mat()).best_crop.empty());
 }
 
-TEST(EventTest, JsonHasWhatOthersNeed) {
-  Road road;
-  for (int k = 0; k < 3; ++k) road.frame({reading_at("1234BCD", 10, 20)});
-  const nlohmann::ordered_json object = event_json(road.finish()[0]);
+TEST(EventTest, JsonHasTheDocumentedFields) {
+  TrackerRunner runner;
+  for (int k = 0; k < 3; ++k) runner.frame({reading_at("1234BCD", 10, 20)});
+  const nlohmann::ordered_json object = event_json(runner.finish()[0]);
   EXPECT_EQ(object.begin().key(), "event");
   EXPECT_EQ(object.at("text"), "1234BCD");
   EXPECT_EQ(object.at("frames"), 3);

@@ -14,13 +14,13 @@ namespace {
 constexpr std::size_t kMaxCandidates = 5;  // of a ballot
 constexpr std::size_t kMaxVoters = 40;
 constexpr std::size_t kMaxTexts = 24;
-constexpr double kFloor = -7;  // nats
+constexpr double kMinLogProbability = -7;  // nats
 // Costs of edits between a candidate and a text, nats: an insertion or deletion, and a substitution
 // about which nothing is known.
-constexpr double kGap = 4;
-constexpr double kReplaced = 3.5;
-constexpr double kMinReplaced = 1.5;
-constexpr double kMaxReplaced = 7;
+constexpr double kIndelCost = 4;
+constexpr double kSubstitutionCost = 3.5;
+constexpr double kMinSubstitutionCost = 1.5;
+constexpr double kMaxSubstitutionCost = 7;
 
 struct Voter {
   const Ballot* ballot = nullptr;
@@ -30,38 +30,38 @@ struct Voter {
 double log_of(double p) { return std::log(std::clamp(p, 1e-6, 1.0)); }
 
 // Cost of substituting the k-th character of a ballot's first candidate.
-double replacing(const Ballot& ballot, std::size_t k) {
-  if (k >= ballot.characters.size()) return kReplaced;
+double substitution_cost(const Ballot& ballot, std::size_t k) {
+  if (k >= ballot.characters.size()) return kSubstitutionCost;
   // The uncertainty is divided among a few likely other symbols.
-  const double doubt = (1 - ballot.characters[k]) / 3;
-  return std::clamp(-log_of(doubt), kMinReplaced, kMaxReplaced);
+  const double alternative = (1 - ballot.characters[k]) / 3;
+  return std::clamp(-log_of(alternative), kMinSubstitutionCost, kMaxSubstitutionCost);
 }
 
 // Minimum cost of editing the n-th candidate into `text`; `most` if it is not lower.
-double edit_cost(const Ballot& ballot, std::size_t n, const std::string& text, double most) {
-  const std::string& given = ballot.candidates[n].text;
-  if (given == text) return 0;
+double edit_cost(const Ballot& ballot, std::size_t n, const std::string& text, double max_cost) {
+  const std::string& candidate_text = ballot.candidates[n].text;
+  if (candidate_text == text) return 0;
   const double difference =
-      std::abs(static_cast<double>(given.size()) - static_cast<double>(text.size()));
-  if (difference * kGap >= most) return most;
+      std::abs(static_cast<double>(candidate_text.size()) - static_cast<double>(text.size()));
+  if (difference * kIndelCost >= max_cost) return max_cost;
   std::vector<double> row(text.size() + 1);
-  for (std::size_t j = 0; j < row.size(); ++j) row[j] = kGap * static_cast<double>(j);
-  for (std::size_t i = 0; i < given.size(); ++i) {
+  for (std::size_t j = 0; j < row.size(); ++j) row[j] = kIndelCost * static_cast<double>(j);
+  for (std::size_t i = 0; i < candidate_text.size(); ++i) {
     double diagonal = row[0];
-    row[0] += kGap;
-    const double other = n == 0 ? replacing(ballot, i) : kReplaced;
+    row[0] += kIndelCost;
+    const double other = n == 0 ? substitution_cost(ballot, i) : kSubstitutionCost;
     for (std::size_t j = 1; j < row.size(); ++j) {
-      const double replaced = diagonal + (given[i] == text[j - 1] ? 0 : other);
+      const double replaced = diagonal + (candidate_text[i] == text[j - 1] ? 0 : other);
       diagonal = row[j];
-      row[j] = std::min({row[j] + kGap, row[j - 1] + kGap, replaced});
+      row[j] = std::min({row[j] + kIndelCost, row[j - 1] + kIndelCost, replaced});
     }
   }
-  return std::min(row.back(), most);
+  return std::min(row.back(), max_cost);
 }
 
 // Score that one ballot gives to a text, nats.
-double opinion(const Ballot& ballot, const std::string& text) {
-  double best = kFloor;
+double ballot_score(const Ballot& ballot, const std::string& text) {
+  double best = kMinLogProbability;
   for (std::size_t n = 0; n < std::min(kMaxCandidates, ballot.candidates.size()); ++n) {
     const double own = log_of(ballot.candidates[n].confidence);
     if (own <= best) continue;
@@ -70,7 +70,7 @@ double opinion(const Ballot& ballot, const std::string& text) {
   return best;
 }
 
-double doubt_of(const Ballot& ballot) {
+double unassigned_probability(const Ballot& ballot) {
   double sum = 0;
   for (std::size_t n = 0; n < std::min(kMaxCandidates, ballot.candidates.size()); ++n) {
     sum += ballot.candidates[n].confidence;
@@ -102,10 +102,10 @@ struct Nominee {
 };
 
 // For each length, the text of the characters with the most votes at each place.
-void nominate_by_character(const std::vector<Voter>& voters,
-                           std::map<std::string, Nominee>& found) {
+void add_voted_by_character(const std::vector<Voter>& voters,
+                            std::map<std::string, Nominee>& nominees_by_text) {
   std::map<std::size_t, double> lengths;
-  std::map<std::pair<std::size_t, std::size_t>, std::map<char, double>> places;
+  std::map<std::pair<std::size_t, std::size_t>, std::map<char, double>> positions;
   for (const Voter& voter : voters) {
     const Ballot& ballot = *voter.ballot;
     for (std::size_t n = 0; n < std::min(kMaxCandidates, ballot.candidates.size()); ++n) {
@@ -114,40 +114,40 @@ void nominate_by_character(const std::vector<Voter>& voters,
       lengths[text.size()] += share;
       for (std::size_t k = 0; k < text.size(); ++k) {
         const bool known = n == 0 && k < ballot.characters.size();
-        places[{text.size(), k}][text[k]] += share * (known ? ballot.characters[k] : 0.5);
+        positions[{text.size(), k}][text[k]] += share * (known ? ballot.characters[k] : 0.5);
       }
     }
   }
   for (const auto& [length, support] : lengths) {
     std::string text;
     for (std::size_t k = 0; k < length; ++k) {
-      const auto& wanted = places[{length, k}];
-      text += std::max_element(wanted.begin(), wanted.end(), [](const auto& a, const auto& b) {
+      const auto& votes = positions[{length, k}];
+      text += std::max_element(votes.begin(), votes.end(), [](const auto& a, const auto& b) {
                 return a.second < b.second;
               })->first;
     }
-    Nominee& nominee = found[text];
+    Nominee& nominee = nominees_by_text[text];
     nominee.text = text;
     nominee.support = std::max(nominee.support, support);
   }
 }
 
 std::vector<Nominee> nominees_of(const std::vector<Voter>& voters) {
-  std::map<std::string, Nominee> found;
+  std::map<std::string, Nominee> nominees_by_text;
   for (const Voter& voter : voters) {
     const Ballot& ballot = *voter.ballot;
     for (std::size_t n = 0; n < std::min(kMaxCandidates, ballot.candidates.size()); ++n) {
       const Candidate& candidate = ballot.candidates[n];
       if (candidate.text.empty()) continue;
-      Nominee& nominee = found[candidate.text];
+      Nominee& nominee = nominees_by_text[candidate.text];
       nominee.text = candidate.text;
       if (nominee.country.empty()) nominee.country = candidate.country;
       nominee.support += voter.weight * candidate.confidence;
     }
   }
-  nominate_by_character(voters, found);
+  add_voted_by_character(voters, nominees_by_text);
   std::vector<Nominee> nominees;
-  for (auto& [text, nominee] : found) {
+  for (auto& [text, nominee] : nominees_by_text) {
     if (!text.empty()) nominees.push_back(std::move(nominee));
   }
   std::stable_sort(nominees.begin(), nominees.end(),
@@ -198,17 +198,19 @@ std::vector<Candidate> vote(const std::vector<Ballot>& ballots, const VoteOption
                                      [](double sum, const Voter& v) { return sum + v.weight; });
   const double scale = std::min(1.0, options.independent / all);
   std::vector<std::pair<double, const Nominee*>> scores;
-  double none = 0;  // none of these
-  for (const Voter& voter : voters) none += voter.weight * log_of(doubt_of(*voter.ballot));
+  double none_score = 0;  // none of these
+  for (const Voter& voter : voters)
+    none_score += voter.weight * log_of(unassigned_probability(*voter.ballot));
   for (const Nominee& nominee : nominees) {
     double score = nominee.country.empty() ? 0 : options.layout_bonus;
-    for (const Voter& voter : voters) score += voter.weight * opinion(*voter.ballot, nominee.text);
+    for (const Voter& voter : voters)
+      score += voter.weight * ballot_score(*voter.ballot, nominee.text);
     scores.emplace_back(score, &nominee);
   }
   std::stable_sort(scores.begin(), scores.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
-  const double best = std::max(scores.front().first, none);
-  double total = std::exp(scale * (none - best));
+  const double best = std::max(scores.front().first, none_score);
+  double total = std::exp(scale * (none_score - best));
   for (const auto& [score, nominee] : scores) total += std::exp(scale * (score - best));
   std::vector<Candidate> result;
   for (const auto& [score, nominee] : scores) {

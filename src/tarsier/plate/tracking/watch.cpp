@@ -28,17 +28,17 @@ constexpr std::int64_t kMaxBytes = 16'000'000;
 constexpr std::size_t kMaxEntries = 100'000;
 constexpr std::size_t kMaxPattern = 64;  // characters
 constexpr std::size_t kMaxLabel = 200;   // bytes
-constexpr int kDay = 24 * 60;            // minutes
+constexpr int kMinutesPerDay = 24 * 60;
 
 // On 1000 synthetic cars (`plate synth --kind spain,europe,us,brazil,spain-old --size 640x360
 // --noise 6 --seed 77`) the shipped reader got 498 of 4892 characters wrong, in texts of the right
 // length with at most three errors. First come pairs of similar shape, then pairs with four errors
 // or more. The latter are mostly two digits or two letters, so another vehicle may have that text.
-constexpr std::string_view kOften = "8B 0D 0O 0Q DO DQ OQ 2Z 5S 6G 1I";
-constexpr std::string_view kSometimes =
+constexpr std::string_view kFrequentConfusions = "8B 0D 0O 0Q DO DQ OQ 2Z 5S 6G 1I";
+constexpr std::string_view kOccasionalConfusions =
     "NW 68 27 VW 56 03 59 MN WY HW 6E 08 89 9B VY HM 58 HR RW 1T 3J 8W IJ KX FP 37";
-constexpr double kOftenCost = 0.25;
-constexpr double kSometimesCost = 0.5;
+constexpr double kFrequentCost = 0.25;
+constexpr double kOccasionalCost = 0.5;
 
 using CostTable = std::array<std::array<double, kAlphabet.size()>, kAlphabet.size()>;
 
@@ -56,8 +56,8 @@ constexpr CostTable make_costs() {
       costs[b][a] = cost;
     }
   };
-  set(kSometimes, kSometimesCost);
-  set(kOften, kOftenCost);
+  set(kOccasionalConfusions, kOccasionalCost);
+  set(kFrequentConfusions, kFrequentCost);
   return costs;
 }
 
@@ -81,7 +81,7 @@ std::optional<int> minute_of(std::string_view text, bool end) {
   const auto minute = to_integer(text.substr(colon + 1), 0, 59);
   if (!hour || !minute) return std::nullopt;
   const auto total = static_cast<int>(*hour * 60 + *minute);
-  if (total > kDay || (total == kDay && !end)) return std::nullopt;
+  if (total > kMinutesPerDay || (total == kMinutesPerDay && !end)) return std::nullopt;
   return total;
 }
 
@@ -96,7 +96,7 @@ std::optional<int> day_of(std::string_view text) {
 
 bool has_day(unsigned days, int day) { return (days >> static_cast<unsigned>(day) & 1U) != 0; }
 
-bool is_time(const WatchEntry& entry, const LocalTime& when) {
+bool is_active_at(const WatchEntry& entry, const LocalTime& when) {
   if (entry.hours.empty()) return has_day(entry.days, when.weekday);
   return std::any_of(entry.hours.begin(), entry.hours.end(), [&](const WatchEntry::Hours& hours) {
     if (hours.from < hours.to) {
@@ -230,8 +230,8 @@ void WatchEntry::check() const {
   TARSIER_REQUIRE(is_label(label), "a label of {} bytes", label.size());
   TARSIER_REQUIRE(errors >= 0 && errors <= kMaxErrors, "{} errors", errors);
   for (const Hours& range : hours) {
-    TARSIER_REQUIRE(range.from >= 0 && range.from < kDay && range.to > 0 && range.to <= kDay &&
-                        range.from != range.to,
+    TARSIER_REQUIRE(range.from >= 0 && range.from < kMinutesPerDay && range.to > 0 &&
+                        range.to <= kMinutesPerDay && range.from != range.to,
                     "hours from {} to {}", range.from, range.to);
   }
   TARSIER_REQUIRE(days > 0 && days <= kAllDays, "days {}", days);
@@ -251,7 +251,7 @@ std::vector<WatchEntry::Hours> parse_hours(std::string_view text, std::string_vi
     }
     if (!from || !to || from == to || ranges.size() == 24)
       refuse(what, text, "expected 08:00-18:00, with spaces between several");
-    ranges.push_back({*from, *to == 0 ? kDay : *to});
+    ranges.push_back({*from, *to == 0 ? kMinutesPerDay : *to});
   }
   return ranges;
 }
@@ -400,9 +400,9 @@ bool WatchList::remove(std::string_view plate) {
 
 std::vector<WatchMatch> WatchList::matches(std::string_view text, const LocalTime& when,
                                            const std::vector<Direction>* directions) const {
-  std::vector<WatchMatch> found;
+  std::vector<WatchMatch> results;
   for (const WatchEntry& entry : entries_) {
-    if (!is_time(entry, when)) continue;
+    if (!is_active_at(entry, when)) continue;
     if (directions != nullptr && entry.direction &&
         std::find(directions->begin(), directions->end(), *entry.direction) == directions->end())
       continue;
@@ -412,31 +412,31 @@ std::vector<WatchMatch> WatchList::matches(std::string_view text, const LocalTim
       if (static_cast<double>(longer - shorter) > entry.errors) continue;
     }
     const double distance = reading_distance(entry.plate, text);
-    if (distance <= entry.errors) found.push_back({&entry, distance});
+    if (distance <= entry.errors) results.push_back({&entry, distance});
   }
-  std::stable_sort(found.begin(), found.end(), [](const WatchMatch& a, const WatchMatch& b) {
+  std::stable_sort(results.begin(), results.end(), [](const WatchMatch& a, const WatchMatch& b) {
     return a.distance < b.distance;
   });
-  return found;
+  return results;
 }
 
 std::optional<WatchMatch> WatchList::find(const PlateEvent& event, const LocalTime& when) const {
   constexpr double kMinShare = 0.1;
   const std::vector<Direction> directions = directions_of(event);
   std::optional<WatchMatch> best;
-  const auto look = [&](const std::string& text, double farther) {
+  const auto consider = [&](const std::string& text, double extra_cost) {
     for (const WatchMatch& match : matches(text, when, &directions)) {
-      const double distance = match.distance + farther;
+      const double distance = match.distance + extra_cost;
       if (distance > match.entry->errors || (best && best->distance <= distance)) continue;
       best = {match.entry, distance};
     }
   };
   if (event.text.empty()) return best;
-  look(event.text, 0);
+  consider(event.text, 0);
   for (const Candidate& candidate : event.candidates) {
     if (candidate.text != event.text && !candidate.text.empty() &&
         candidate.confidence >= kMinShare * event.confidence)
-      look(candidate.text, kCandidateCost);
+      consider(candidate.text, kCandidateCost);
   }
   return best;
 }

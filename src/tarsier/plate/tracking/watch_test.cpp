@@ -69,7 +69,7 @@ TEST(ReadingDistanceTest, ConfusionsCostLessThanOtherEdits) {
   EXPECT_EQ(reading_distance("AB", ""), 2);
 }
 
-TEST(ReadingDistanceTest, WildcardsAreFree) {
+TEST(ReadingDistanceTest, WildcardsCostNothing) {
   EXPECT_EQ(reading_distance("12*", "1234BCD"), 0);
   EXPECT_EQ(reading_distance("*", ""), 0);
   EXPECT_EQ(reading_distance("?2*CD", "12CD"), 0);
@@ -87,7 +87,7 @@ TEST(ReadingDistanceTest, CostsAreSymmetric) {
   EXPECT_EQ(confusion_cost('4', 'Z'), 1);
 }
 
-TEST(WatchListTest, EntriesAreReadFromColumnsInAnyOrder) {
+TEST(WatchListTest, ParsesColumnsInAnyOrder) {
   const WatchList list = list_of(
       "# gate\r\nlabel,plate,days\r\n\"Ann, blue\",b-12?4*,mon-wed SUN\r\n\n# late\n,2471 kfd\n");
   ASSERT_THAT(list.entries(), SizeIs(2));
@@ -101,13 +101,13 @@ TEST(WatchListTest, EntriesAreReadFromColumnsInAnyOrder) {
   EXPECT_EQ(list.entries()[1].comment, "# late\n");
 }
 
-TEST(WatchListTest, OnePlateALineIsAList) {
+TEST(WatchListTest, ParsesOnePlatePerLine) {
   EXPECT_THAT(list_of("2471KFD\n1234BCD,Ann,0\n").entries(), SizeIs(2));
   EXPECT_THAT(list_of("").entries(), IsEmpty());
   EXPECT_THAT(list_of("\xEF\xBB\xBFplate\n1\n").entries(), SizeIs(1));
 }
 
-TEST(WatchListTest, WhatItWritesItReads) {
+TEST(WatchListTest, TextRoundTrips) {
   const std::string text =
       "# of the file\n"
       "plate,label,errors,direction,hours,days\n"
@@ -121,7 +121,7 @@ TEST(WatchListTest, WhatItWritesItReads) {
   EXPECT_EQ(list_of("").text(), "plate,label,errors,direction,hours,days\n");
 }
 
-TEST(WatchListTest, WhatIsWrongIsNamedWithItsLine) {
+TEST(WatchListTest, ErrorNamesTheLine) {
   EXPECT_THAT(error_of("plate\n1234BCD\nB%\n"), HasSubstr("list.csv: line 3: plate 'B%'"));
   EXPECT_THAT(error_of("plate,colour\n"), HasSubstr("column 'colour': expected plate, label"));
   EXPECT_THAT(error_of("plate,plate\n"), HasSubstr("is there twice"));
@@ -140,7 +140,7 @@ TEST(WatchListTest, WhatIsWrongIsNamedWithItsLine) {
   EXPECT_THAT(error_of(std::string("1\0002\n", 4)), HasSubstr("line 1"));
 }
 
-TEST(WatchListTest, ErrorsAreToleratedAsTheEntrySays) {
+TEST(WatchListTest, MatchesUpToTheErrorsOfAnEntry) {
   const WatchList list = list_of("1234BCD,exact,0\n1234BCD,near,0.5\n1234BCD,far,1\n");
   EXPECT_THAT(found(list, "1234BCD"), SizeIs(3));
   EXPECT_THAT(found(list, "1234BC0"), SizeIs(2));
@@ -170,28 +170,28 @@ TEST(WatchListTest, HoursOverMidnightBelongToTheDayBefore) {
   EXPECT_THAT(found(day, "1", {6, 9 * 60}), IsEmpty());
 }
 
-TEST(WatchListTest, DaysGoRoundTheWeek) {
+TEST(WatchListTest, DayRangesWrapAroundTheWeek) {
   EXPECT_EQ(parse_days("fri-mon", "days"), 0b1110001U);
   EXPECT_EQ(days_text(0b1110001U), "mon fri-sun");
   EXPECT_EQ(parse_days("", "days"), WatchEntry::kAllDays);
   EXPECT_EQ(parse_days("mon-sun", "days"), WatchEntry::kAllDays);
 }
 
-TEST(WatchListTest, DirectionsAreThoseOfTheReadings) {
+TEST(WatchListTest, MatchesDirectionsOfTheReadings) {
   const PlateEvent nearer = moving("1", {100, 100, 60, 15}, {100, 110, 100, 25});
   EXPECT_THAT(directions_of(nearer), ElementsAre(Direction::kApproaching));
-  const PlateEvent away = moving("1", {300, 100, 100, 25}, {100, 40, 60, 15});
-  EXPECT_THAT(directions_of(away),
+  const PlateEvent receding = moving("1", {300, 100, 100, 25}, {100, 40, 60, 15});
+  EXPECT_THAT(directions_of(receding),
               ElementsAre(Direction::kReceding, Direction::kLeft, Direction::kUp));
   EXPECT_THAT(directions_of(moving("1", {100, 100, 60, 15}, {110, 102, 61, 15})), IsEmpty());
   EXPECT_THAT(directions_of(PlateEvent()), IsEmpty());
 
   const WatchList list = list_of("1,in,0,approaching\n");
   EXPECT_TRUE(list.find(nearer, kMondayNoon));
-  EXPECT_FALSE(list.find(away, kMondayNoon));
+  EXPECT_FALSE(list.find(receding, kMondayNoon));
 }
 
-TEST(WatchListTest, CandidatesCountALittleFartherAway) {
+TEST(WatchListTest, CandidatesHaveAnExtraCost) {
   const WatchList list = list_of("1234BCD,Ann,0.25\n");
   PlateEvent event;
   event.text = "1734BCD";
@@ -207,7 +207,7 @@ TEST(WatchListTest, CandidatesCountALittleFartherAway) {
   EXPECT_FALSE(list_of("1234BCD,Ann,0\n").find(event, kMondayNoon));
 }
 
-TEST(WatchListTest, AnEntryTakesThePlaceOfThatOfTheSamePlate) {
+TEST(WatchListTest, AddReplacesTheEntryOfTheSamePlate) {
   WatchList list = list_of("# cars\nplate\n1\n# two\n2\n");
   WatchEntry entry;
   entry.plate = "2";
@@ -225,9 +225,9 @@ TEST(WatchListTest, AnEntryTakesThePlaceOfThatOfTheSamePlate) {
   EXPECT_THROW(list.add(entry), std::invalid_argument);
 }
 
-TEST(WatchListTest, LocalTimesAreThoseOfTheZone) {
+TEST(WatchListTest, LocalTimeFollowsTheTimeZone) {
   const char* before = std::getenv("TZ");
-  const std::string kept = before == nullptr ? "" : before;
+  const std::string previous_zone = before == nullptr ? "" : before;
   ::setenv("TZ", "CET-1CEST,M3.5.0,M10.5.0/3", 1);
   ::tzset();
   const auto summer = local_time(parse_moment("2024-05-01T23:30", {}, false, "time"));
@@ -239,14 +239,14 @@ TEST(WatchListTest, LocalTimesAreThoseOfTheZone) {
   if (before == nullptr) {
     ::unsetenv("TZ");
   } else {
-    ::setenv("TZ", kept.c_str(), 1);
+    ::setenv("TZ", previous_zone.c_str(), 1);
   }
   ::tzset();
 }
 
 class WatchFileTest : public FolderTest {};
 
-TEST_F(WatchFileTest, ChangesAreSeenAndBrokenFilesKeepTheListOfBefore) {
+TEST_F(WatchFileTest, ReloadsChangesAndKeepsTheListOnErrors) {
   const std::string file = path("list.csv");
   EXPECT_THROW(WatchFile{file}, InputError);
   write_file_atomically(file, "1\n");

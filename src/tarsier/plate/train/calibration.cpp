@@ -17,7 +17,7 @@ namespace {
 using Features = CalibrationFeatures;
 }  // namespace
 
-Calibration fit_calibration(const Recognizer& recognizer, const ViewMaker& views, int count,
+Calibration fit_calibration(const Recognizer& recognizer, const ViewGenerator& views, int count,
                             std::uint64_t seed, Progress& progress, std::stop_token stop) {
   TARSIER_REQUIRE(count >= 100, "{} plates are too few", count);
   const Rng base(seed);
@@ -37,7 +37,7 @@ Calibration fit_calibration(const Recognizer& recognizer, const ViewMaker& views
         options.centred = true;
         // Half of them are ordinary plates, half are wild ones.
         options.wild = views.wild && i % 2 == 0;
-        options.lawful = views.wild && !options.wild;
+        options.valid_text = views.wild && !options.wild;
         const double width = 40 * std::pow(6.0, rng.uniform());
         options.min_width = width;
         options.max_width = width * 1.02;

@@ -51,19 +51,19 @@ std::vector<double> fit_logistic(const LogisticRows& data, const std::vector<dou
   double cost = cost_of(data, w, ridge);
   for (int round = 0; round < 50; ++round) {
     cv::Mat hessian = cv::Mat::diag(ridge);
-    cv::Mat slope = w.mul(ridge);
+    cv::Mat gradient = w.mul(ridge);
     for (std::size_t i = 0; i < data.rows.size(); ++i) {
       const std::vector<double>& x = data.rows[i];
       const double p = logistic(odds_of(x, w));
       for (int k = 0; k < size; ++k) {
         const double value = x[static_cast<std::size_t>(k)];
-        slope.at<double>(k) += (p - data.labels[i]) * value;
+        gradient.at<double>(k) += (p - data.labels[i]) * value;
         for (int j = 0; j < size; ++j)
           hessian.at<double>(k, j) += p * (1 - p) * value * x[static_cast<std::size_t>(j)];
       }
     }
     cv::Mat step;
-    cv::solve(hessian, slope, step, cv::DECOMP_CHOLESKY);
+    cv::solve(hessian, gradient, step, cv::DECOMP_CHOLESKY);
     // A full step may be too long for separable data.
     double next = cost_of(data, w - step, ridge);
     for (int half = 0; half < 40 && !(next <= cost); ++half) {

@@ -29,12 +29,12 @@ void label_cells(const View& view, linalg::Shape map, std::vector<float>& target
     const float height = mean_height(q);
     // Is the plate of the right size for this level? For slightly different sizes, both answers are
     // accepted.
-    const bool fits = width >= kPlateLow && width <= kPlateHigh && height >= 5.5F;
+    const bool fits = width >= kMinPlateWidth && width <= kMaxPlateWidth && height >= 5.5F;
     const cv::Matx33d unit_from_view = map_between(q, quad_of({-0.5F, -0.5F, 1, 1}));
     for (int y = 0; y < map.height; ++y) {
       for (int x = 0; x < map.width; ++x) {
-        const cv::Point2f centre((static_cast<float>(x) + 0.5F) * kCell - 0.5F,
-                                 (static_cast<float>(y) + 0.5F) * kCell - 0.5F);
+        const cv::Point2f centre((static_cast<float>(x) + 0.5F) * kCellSize - 0.5F,
+                                 (static_cast<float>(y) + 0.5F) * kCellSize - 0.5F);
         const cv::Point2f at = transformed(unit_from_view, centre);
         // At least one cell in each direction.
         const float reach_x = std::max(0.22F, 4.6F / width);
@@ -50,7 +50,7 @@ void label_cells(const View& view, linalg::Shape map, std::vector<float>& target
           }
         } else if (std::abs(at.x) < 0.5F + 4.0F / width && std::abs(at.y) < 0.5F + 4.0F / height &&
                    target[i] == 0) {
-          const bool near_fit = width >= kPlateLow * 0.5F && width <= kPlateHigh * 2.0F;
+          const bool near_fit = width >= kMinPlateWidth * 0.5F && width <= kMaxPlateWidth * 2.0F;
           if (near_fit) target[i] = linalg::kIgnoredCell;
         }
       }
@@ -114,19 +114,19 @@ void label_columns(const std::vector<std::pair<cv::Rect2f, int>>& boxes, int col
   target.assign(static_cast<std::size_t>(columns),
                 blank_elsewhere ? static_cast<float>(kBlank) : linalg::kIgnoredCell);
   for (int t = 0; t < columns; ++t) {
-    const float x = (static_cast<float>(t) + 0.5F) * kColumn - 0.5F;
+    const float x = (static_cast<float>(t) + 0.5F) * kColumnStride - 0.5F;
     for (const auto& [box, label] : boxes) {
-      const float middle = box.x + box.width / 2;
+      const float center = box.x + box.width / 2;
       const float half = std::max(box.width / 2, 3.0F);
-      const float away = std::abs(x - middle) / half;
+      const float distance = std::abs(x - center) / half;
       const float core = std::max(0.60F, 2.1F / half);
       auto& value = target[static_cast<std::size_t>(t)];
-      if (away < core)
+      if (distance < core)
         value = static_cast<float>(label);
-      else if (away < core + 0.2F && value == static_cast<float>(kBlank))
+      else if (distance < core + 0.2F && value == static_cast<float>(kBlank))
         value = linalg::kIgnoredCell;
-      else if (away < 1.15F && !blank_elsewhere && value == linalg::kIgnoredCell &&
-               away > core + 0.2F)
+      else if (distance < 1.15F && !blank_elsewhere && value == linalg::kIgnoredCell &&
+               distance > core + 0.2F)
         value = static_cast<float>(kBlank);
     }
   }
@@ -168,7 +168,8 @@ std::vector<std::pair<cv::Rect2f, int>> boxes_in_canvas(const ViewPlate& plate, 
   return boxes;
 }
 
-bool drawn_line(const ViewMaker& views, Rng& rng, cv::Mat& canvas, std::vector<float>& target) {
+bool synthetic_line(const ViewGenerator& views, Rng& rng, cv::Mat& canvas,
+                    std::vector<float>& target) {
   ViewOptions options;
   options.drawn = 1;
   options.none = 0;
@@ -189,12 +190,12 @@ bool drawn_line(const ViewMaker& views, Rng& rng, cv::Mat& canvas, std::vector<f
   if (plate.rows == 2) {
     row = rng.integer(0, 1);
     text = row == 0 ? part_of(text, 0, 1, 0, 0.47F) : part_of(text, 0, 1, 0.53F, 1);
-    line_width = kHalfWidth;
+    line_width = kHalfLineWidth;
   }
   if (!is_convex(text, 20)) return false;
   canvas = sample(view.gray, text, line_quad(line_width), {line_width, kLineHeight});
   const auto boxes = boxes_in_canvas(plate, row, map_between(text, line_quad(line_width)));
-  label_columns(boxes, line_width / kColumn, true, target);
+  label_columns(boxes, line_width / kColumnStride, true, target);
   return true;
 }
 
@@ -220,23 +221,23 @@ bool text_quad_of(const LabelledCrop& crop, Quad& text) {
   const double spread = sxx - sx * sx / n;
   if (spread < 1) return false;
   const double slope = (sxt - sx * st / n) / spread;
-  const double middle = (st - slope * sx) / n;
+  const double intercept = (st - slope * sx) / n;
   for (const auto& symbol : s) {
-    const double off = symbol.box.y + symbol.box.height / 2.0 -
-                       (middle + slope * (symbol.box.x + symbol.box.width / 2.0));
-    if (std::abs(off) > 0.25 * height / n) return false;  // two rows
+    const double residual = symbol.box.y + symbol.box.height / 2.0 -
+                            (intercept + slope * (symbol.box.x + symbol.box.width / 2.0));
+    if (std::abs(residual) > 0.25 * height / n) return false;  // two rows
   }
   // The boxes are upright: the box of a sloping character is taller than the character.
   const double pitch = (s.back().box.x - s.front().box.x) /
-                       static_cast<float>(std::max(1, s.back().place - s.front().place));
-  const double tall = height / n - std::abs(slope) * pitch * 0.6;
-  const double left = s.front().box.x - pitch * s.front().place;
+                       static_cast<float>(std::max(1, s.back().position - s.front().position));
+  const double text_height = height / n - std::abs(slope) * pitch * 0.6;
+  const double left = s.front().box.x - pitch * s.front().position;
   const double right =
-      s.back().box.x + s.back().box.width + pitch * (crop.length - 1 - s.back().place);
-  if (tall < 6 || right - left < 20) return false;
+      s.back().box.x + s.back().box.width + pitch * (crop.length - 1 - s.back().position);
+  if (text_height < 6 || right - left < 20) return false;
   const auto at = [&](double x, double side) {
     return cv::Point2f(static_cast<float>(x),
-                       static_cast<float>(middle + slope * x + side * tall / 2));
+                       static_cast<float>(intercept + slope * x + side * text_height / 2));
   };
   text = {at(left, -1), at(right, -1), at(right, 1), at(left, 1)};
   return true;
@@ -253,15 +254,15 @@ bool real_line(const LabelledCrop& crop, Rng& rng, cv::Mat& canvas, std::vector<
       (cv::Mat_<float>(1, 3) << weights[0] / sum, weights[1] / sum, weights[2] / sum);
   cv::transform(crop.image, gray, mix);
   // Sometimes smaller, as if from farther away.
-  const double least = std::min(1.0, 60.0 / mean_width(text));
-  const double scale = least * std::pow(1 / least, std::sqrt(rng.uniform()));
+  const double min_scale = std::min(1.0, 60.0 / mean_width(text));
+  const double scale = min_scale * std::pow(1 / min_scale, std::sqrt(rng.uniform()));
   cv::resize(gray, gray, {}, scale, scale, cv::INTER_AREA);
   for (cv::Point2f& p : text) p *= scale;
-  weather(gray, 0.6, rng);
-  const Quad seen = misaligned(text, 1, rng);
-  if (!is_convex(seen, 20)) return false;
-  canvas = sample(gray, seen, line_quad(kLineWidth), {kLineWidth, kLineHeight});
-  const cv::Matx33d map = map_between(seen, line_quad(kLineWidth));
+  simulate_camera(gray, 0.6, rng);
+  const Quad jittered = misaligned(text, 1, rng);
+  if (!is_convex(jittered, 20)) return false;
+  canvas = sample(gray, jittered, line_quad(kLineWidth), {kLineWidth, kLineHeight});
+  const cv::Matx33d map = map_between(jittered, line_quad(kLineWidth));
   std::vector<std::pair<cv::Rect2f, int>> boxes;
   for (const auto& symbol : crop.symbols) {
     const float y = (symbol.box.y + symbol.box.height / 2) * static_cast<float>(scale);
@@ -270,12 +271,12 @@ bool real_line(const LabelledCrop& crop, Rng& rng, cv::Mat& canvas, std::vector<
         transformed(map, {(symbol.box.x + symbol.box.width) * static_cast<float>(scale), y}).x;
     boxes.emplace_back(cv::Rect2f(left, 0, right - left, kLineHeight), class_of(symbol.symbol));
   }
-  label_columns(boxes, kLineWidth / kColumn, false, target);
+  label_columns(boxes, kLineWidth / kColumnStride, false, target);
   return true;
 }
 
 // network = (1 - share) network + share other
-void mix(linalg::Network& network, const linalg::Network& other, float share) {
+void blend(linalg::Network& network, const linalg::Network& other, float share) {
   const auto mean = [&](std::vector<float>& values, const std::vector<float>& others) {
     for (std::size_t i = 0; i < values.size(); ++i)
       values[i] = (1 - share) * values[i] + share * others[i];
@@ -300,20 +301,20 @@ void run_training(linalg::Network& network, int steps, double rate, std::uint64_
 
 }  // namespace
 
-void make_detector_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape,
+void make_detector_example(const ViewGenerator& views, Rng& rng, linalg::Shape& shape,
                            std::vector<float>& input, std::vector<float>& target) {
   ViewOptions options;
   options.wild = views.wild;
-  options.min_width = kPlateLow * 0.9;
-  options.max_width = kPlateHigh * 1.1;
+  options.min_width = kMinPlateWidth * 0.9;
+  options.max_width = kMaxPlateWidth * 1.1;
   const View view = views.make(options, rng);
   const cv::Mat contrast = local_contrast(view.gray);
   shape = {1, contrast.rows, contrast.cols};
   input.assign(contrast.ptr<float>(), contrast.ptr<float>() + contrast.total());
-  label_cells(view, {1, contrast.rows / kCell, contrast.cols / kCell}, target);
+  label_cells(view, {1, contrast.rows / kCellSize, contrast.cols / kCellSize}, target);
 }
 
-void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape,
+void make_aligner_example(const ViewGenerator& views, Rng& rng, linalg::Shape& shape,
                           std::vector<float>& input, std::vector<float>& target) {
   ViewOptions options;
   options.wild = views.wild;
@@ -324,15 +325,15 @@ void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape
   options.none = 0.15;
   options.centred = true;
   target.assign(19, 0.0F);
-  const Quad home = aligner_quad();
+  const Quad canonical = aligner_quad();
   shape = {1, kAlignHeight, kAlignWidth};
-  if (!views.distractors.empty() && rng.uniform() < 0.2) {
+  if (!views.hard_negatives.empty() && rng.uniform() < 0.2) {
     Quad quad;
-    const View view = views.make_distractor(options, rng, quad);
-    const Quad seen = jitter(quad, 0.06, 0.12, rng);
-    normalize(
-        sample(view.gray, is_convex(seen, 20) ? seen : quad, home, {kAlignWidth, kAlignHeight}),
-        input);
+    const View view = views.make_hard_negative(options, rng, quad);
+    const Quad jittered = jitter(quad, 0.06, 0.12, rng);
+    normalize(sample(view.gray, is_convex(jittered, 20) ? jittered : quad, canonical,
+                     {kAlignWidth, kAlignHeight}),
+              input);
     return;
   }
   const View view = views.make(options, rng);
@@ -345,50 +346,50 @@ void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape
         std::abs(candidate.plate[0].x + candidate.plate[2].x - 220) < 60 &&
         std::abs(candidate.plate[0].y + candidate.plate[2].y - 150) < 40)
       plate = &candidate;
-  Quad seen;
+  Quad jittered;
   if (plate != nullptr && rng.uniform() < 0.93) {
     const double error = rng.uniform() < 0.5 ? 0.04 : 0.10;
-    seen = jitter(plate->plate, error, error * 2, rng);
+    jittered = jitter(plate->plate, error, error * 2, rng);
     target[16] = 1;
     target[17] = plate->rows == 2 ? 1.0F : 0.0F;
     target[18] = plate->has_text_quad ? 1.0F : 0.0F;
   } else {
     const auto w = static_cast<float>(rng.uniform(30, 130));
     const float h = w / static_cast<float>(rng.uniform(1.3, 5.5));
-    seen = jitter(
+    jittered = jitter(
         quad_of({static_cast<float>(rng.uniform(0, 219 - static_cast<double>(w))),
                  static_cast<float>(rng.uniform(0, std::max(1.0, 149 - static_cast<double>(h)))), w,
                  h}),
         0.05, 0.1, rng);
     for (const ViewPlate& candidate : view.plates)
-      if (box_iou(candidate.plate, seen) > 0.15F) plate = &candidate;
-    if (plate != nullptr && box_iou(plate->plate, seen) > 0.15F) {
+      if (box_iou(candidate.plate, jittered) > 0.15F) plate = &candidate;
+    if (plate != nullptr && box_iou(plate->plate, jittered) > 0.15F) {
       // Too close for a negative example: show the plate instead.
-      seen = jitter(plate->plate, 0.05, 0.1, rng);
+      jittered = jitter(plate->plate, 0.05, 0.1, rng);
       target[16] = 1;
       target[17] = plate->rows == 2 ? 1.0F : 0.0F;
       target[18] = plate->has_text_quad ? 1.0F : 0.0F;
     }
   }
-  if (!is_convex(seen, 20)) seen = frame;
-  const cv::Mat window = sample(view.gray, seen, home, {kAlignWidth, kAlignHeight});
+  if (!is_convex(jittered, 20)) jittered = frame;
+  const cv::Mat window = sample(view.gray, jittered, canonical, {kAlignWidth, kAlignHeight});
   normalize(window, input);
   if (target[16] < 0.5F || plate == nullptr) {
     target[16] = 0;
     return;
   }
-  const cv::Matx33d map = map_between(seen, home);
-  const Quad right = transformed(map, plate->plate);
-  const Quad text = plate->has_text_quad ? transformed(map, plate->text) : right;
+  const cv::Matx33d map = map_between(jittered, canonical);
+  const Quad plate_quad = transformed(map, plate->plate);
+  const Quad text = plate->has_text_quad ? transformed(map, plate->text) : plate_quad;
   for (std::size_t i = 0; i < 4; ++i) {
-    target[2 * i] = (right[i].x - home[i].x) / kCornerUnit;
-    target[2 * i + 1] = (right[i].y - home[i].y) / kCornerUnit;
-    target[8 + 2 * i] = (text[i].x - home[i].x) / kCornerUnit;
-    target[9 + 2 * i] = (text[i].y - home[i].y) / kCornerUnit;
+    target[2 * i] = (plate_quad[i].x - canonical[i].x) / kCornerUnit;
+    target[2 * i + 1] = (plate_quad[i].y - canonical[i].y) / kCornerUnit;
+    target[8 + 2 * i] = (text[i].x - canonical[i].x) / kCornerUnit;
+    target[9 + 2 * i] = (text[i].y - canonical[i].y) / kCornerUnit;
   }
 }
 
-void make_line_example(const ViewMaker& views, const std::vector<LabelledCrop>& crops, Rng& rng,
+void make_line_example(const ViewGenerator& views, const std::vector<LabelledCrop>& crops, Rng& rng,
                        linalg::Shape& shape, std::vector<float>& input,
                        std::vector<float>& target) {
   cv::Mat canvas;
@@ -397,14 +398,14 @@ void make_line_example(const ViewMaker& views, const std::vector<LabelledCrop>& 
       const int number = rng.integer(0, static_cast<int>(crops.size()) - 1);
       done = real_line(crops[static_cast<std::size_t>(number)], rng, canvas, target);
     } else {
-      done = drawn_line(views, rng, canvas, target);
+      done = synthetic_line(views, rng, canvas, target);
     }
   }
   shape = {1, canvas.rows, canvas.cols};
   normalize(canvas, input);
 }
 
-linalg::Network train_detector(const ViewMaker& views, const TrainingOptions& options,
+linalg::Network train_detector(const ViewGenerator& views, const TrainingOptions& options,
                                Progress& progress, std::stop_token stop) {
   linalg::Network network = detector_network();
   run_training(
@@ -416,14 +417,14 @@ linalg::Network train_detector(const ViewMaker& views, const TrainingOptions& op
   return network;
 }
 
-std::vector<Distractor> find_distractors(const std::vector<Scene>& scenes,
-                                         const linalg::Network& detector) {
-  std::vector<std::vector<Distractor>> found(scenes.size());
+std::vector<HardNegative> find_hard_negatives(const std::vector<Scene>& scenes,
+                                              const linalg::Network& detector) {
+  std::vector<std::vector<HardNegative>> negatives(scenes.size());
   cv::parallel_for_(cv::Range(0, static_cast<int>(scenes.size())), [&](const cv::Range& range) {
     linalg::Workspace workspace;
     DetectorOptions options;
     options.threshold = 0.3F;
-    options.most = 40;
+    options.max_detections = 40;
     for (int i = range.start; i < range.end; ++i) {
       const auto number = static_cast<std::size_t>(i);
       cv::Mat gray;
@@ -433,16 +434,16 @@ std::vector<Distractor> find_distractors(const std::vector<Scene>& scenes,
             scenes[number].plates.begin(), scenes[number].plates.end(), [&](const cv::Rect2f& box) {
               return box_overlap_of_smaller(quad_of(box), grow(detection.corners, 1.2F, 1.3F)) > 0;
             });
-        if (!real) found[number].push_back({number, detection.corners});
+        if (!real) negatives[number].push_back({number, detection.corners});
       }
     }
   });
-  std::vector<Distractor> all;
-  for (const auto& some : found) all.insert(all.end(), some.begin(), some.end());
+  std::vector<HardNegative> all;
+  for (const auto& some : negatives) all.insert(all.end(), some.begin(), some.end());
   return all;
 }
 
-linalg::Network train_aligner(const ViewMaker& views, const TrainingOptions& options,
+linalg::Network train_aligner(const ViewGenerator& views, const TrainingOptions& options,
                               Progress& progress, std::stop_token stop) {
   linalg::Network network = aligner_network();
   run_training(
@@ -454,7 +455,8 @@ linalg::Network train_aligner(const ViewMaker& views, const TrainingOptions& opt
   return network;
 }
 
-linalg::Network train_line_reader(const ViewMaker& views, const std::vector<LabelledCrop>& crops,
+linalg::Network train_line_reader(const ViewGenerator& views,
+                                  const std::vector<LabelledCrop>& crops,
                                   const TrainingOptions& options, Progress& progress,
                                   std::stop_token stop, const linalg::Network* start) {
   constexpr double kRate = 2e-3;
@@ -476,12 +478,13 @@ linalg::Network train_line_reader(const ViewMaker& views, const std::vector<Labe
         make_line_example(views, crops, rng, example.shape, example.input, example.target);
       },
       line_loss, progress, stop, start != nullptr);
-  if (start != nullptr && options.keep > 0) mix(network, *start, static_cast<float>(options.keep));
+  if (start != nullptr && options.keep > 0)
+    blend(network, *start, static_cast<float>(options.keep));
   return network;
 }
 
-CharacterErrors test_line_reader(const linalg::Network& network,
-                                 const std::vector<LabelledCrop>& crops) {
+CharacterErrors evaluate_line_reader(const linalg::Network& network,
+                                     const std::vector<LabelledCrop>& crops) {
   CharacterErrors errors;
   linalg::Workspace workspace;
   for (const LabelledCrop& crop : crops) {
@@ -492,9 +495,9 @@ CharacterErrors test_line_reader(const linalg::Network& network,
     const cv::Mat probabilities = read_line(gray, text, kLineWidth, network, workspace);
     const cv::Matx33d map = map_between(text, line_quad(kLineWidth));
     for (const auto& symbol : crop.symbols) {
-      const cv::Point2f middle(symbol.box.x + symbol.box.width / 2,
+      const cv::Point2f center(symbol.box.x + symbol.box.width / 2,
                                symbol.box.y + symbol.box.height / 2);
-      const float column = transformed(map, middle).x / kColumn - 0.5F;
+      const float column = transformed(map, center).x / kColumnStride - 0.5F;
       // The two columns on either side of the centre, weighted by distance.
       const int left = std::clamp(static_cast<int>(std::floor(column)), 0, probabilities.rows - 2);
       const float share = std::clamp(column - static_cast<float>(left), 0.0F, 1.0F);

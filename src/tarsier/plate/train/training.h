@@ -39,19 +39,21 @@ struct TrainingOptions {
 };
 
 // Trains the detector. Prints nothing; reports through `progress`.
-[[nodiscard]] linalg::Network train_detector(const ViewMaker& views, const TrainingOptions& options,
-                                             Progress& progress, std::stop_token stop);
+[[nodiscard]] linalg::Network train_detector(const ViewGenerator& views,
+                                             const TrainingOptions& options, Progress& progress,
+                                             std::stop_token stop);
 // Finds the false positives of a detector in images without plates there: hard negatives for the
 // aligner.
-[[nodiscard]] std::vector<Distractor> find_distractors(const std::vector<Scene>& scenes,
-                                                       const linalg::Network& detector);
-[[nodiscard]] linalg::Network train_aligner(const ViewMaker& views, const TrainingOptions& options,
-                                            Progress& progress, std::stop_token stop);
+[[nodiscard]] std::vector<HardNegative> find_hard_negatives(const std::vector<Scene>& scenes,
+                                                            const linalg::Network& detector);
+[[nodiscard]] linalg::Network train_aligner(const ViewGenerator& views,
+                                            const TrainingOptions& options, Progress& progress,
+                                            std::stop_token stop);
 // Trains the line reader. Without `crops`, it learns from synthetic plates alone. `start`, a
 // network with the layers of line_network(), is fine-tuned with smaller steps: it keeps most of its
 // accuracy, and a few crops and some hundred steps teach it a new typeface. Throws
 // std::invalid_argument if `start` has other layers.
-[[nodiscard]] linalg::Network train_line_reader(const ViewMaker& views,
+[[nodiscard]] linalg::Network train_line_reader(const ViewGenerator& views,
                                                 const std::vector<LabelledCrop>& crops,
                                                 const TrainingOptions& options, Progress& progress,
                                                 std::stop_token stop,
@@ -59,7 +61,7 @@ struct TrainingOptions {
 
 // Fits the confidence of Recognizer to its accuracy on `count` synthetic plates, by logistic
 // regression (Newton's method with a small ridge).
-[[nodiscard]] Calibration fit_calibration(const Recognizer& recognizer, const ViewMaker& views,
+[[nodiscard]] Calibration fit_calibration(const Recognizer& recognizer, const ViewGenerator& views,
                                           int count, std::uint64_t seed, Progress& progress,
                                           std::stop_token stop);
 
@@ -69,15 +71,15 @@ struct CharacterErrors {
   int characters = 0;
   int wrong = 0;
 };
-[[nodiscard]] CharacterErrors test_line_reader(const linalg::Network& network,
-                                               const std::vector<LabelledCrop>& crops);
+[[nodiscard]] CharacterErrors evaluate_line_reader(const linalg::Network& network,
+                                                   const std::vector<LabelledCrop>& crops);
 
 // Single examples, for inspection and tests.
-void make_detector_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape,
+void make_detector_example(const ViewGenerator& views, Rng& rng, linalg::Shape& shape,
                            std::vector<float>& input, std::vector<float>& target);
-void make_aligner_example(const ViewMaker& views, Rng& rng, linalg::Shape& shape,
+void make_aligner_example(const ViewGenerator& views, Rng& rng, linalg::Shape& shape,
                           std::vector<float>& input, std::vector<float>& target);
-void make_line_example(const ViewMaker& views, const std::vector<LabelledCrop>& crops, Rng& rng,
+void make_line_example(const ViewGenerator& views, const std::vector<LabelledCrop>& crops, Rng& rng,
                        linalg::Shape& shape, std::vector<float>& input, std::vector<float>& target);
 
 }  // namespace tarsier::plate

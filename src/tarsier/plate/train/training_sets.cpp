@@ -58,17 +58,17 @@ LabelledCrop crop_of(const fs::path& path) {
   const auto rows = static_cast<float>(crop.image.rows);
   for (const SymbolLabel& label : read_symbol_labels(labels.string())) {
     crop.symbols.push_back(
-        {kAlphabet[static_cast<std::size_t>(label.kind)],
+        {kAlphabet[static_cast<std::size_t>(label.class_id)],
          {static_cast<float>(label.x - label.w / 2) * cols,
           static_cast<float>(label.y - label.h / 2) * rows, static_cast<float>(label.w) * cols,
           static_cast<float>(label.h) * rows},
          -1});
   }
-  // Places: assigns the visible symbols in the order of the text.
+  // Positions: assigns the visible symbols in the order of the text.
   std::size_t next = 0;
   for (std::size_t i = 0; i < text.size() && next < crop.symbols.size(); ++i) {
     if (text[i] == '-') continue;
-    crop.symbols[next].place = static_cast<int>(i);
+    crop.symbols[next].position = static_cast<int>(i);
     if (crop.symbols[next].symbol != text[i]) break;
     ++next;
   }
@@ -111,7 +111,7 @@ bool may_be_one_plate(const LabelledCrop& a, const LabelledCrop& b) {
   int agreeing = 0;
   for (const auto& x : a.symbols) {
     for (const auto& y : b.symbols) {
-      if (x.place != y.place) continue;
+      if (x.position != y.position) continue;
       if (x.symbol != y.symbol) return false;
       ++agreeing;
     }
@@ -134,10 +134,10 @@ CropSplit split_crops(std::vector<LabelledCrop> crops, double test_share, Rng rn
       split.test.push_back(std::move(crops[i]));
       continue;
     }
-    const bool judged_by =
+    const bool is_in_test_set =
         std::any_of(split.test.begin(), split.test.end(),
                     [&](const LabelledCrop& other) { return may_be_one_plate(other, crops[i]); });
-    if (!judged_by) split.train.push_back(std::move(crops[i]));
+    if (!is_in_test_set) split.train.push_back(std::move(crops[i]));
   }
   return split;
 }

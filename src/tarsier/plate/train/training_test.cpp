@@ -39,19 +39,19 @@ LabelledCrop crop_of(const std::string& text) {
 std::string text_of(const LabelledCrop& crop) {
   std::string text(static_cast<std::size_t>(crop.length), '-');
   for (const auto& symbol : crop.symbols)
-    text[static_cast<std::size_t>(symbol.place)] = symbol.symbol;
+    text[static_cast<std::size_t>(symbol.position)] = symbol.symbol;
   return text;
 }
 
-TEST(SplitCrops, NoPlateIsOnBothSides) {
+TEST(SplitCrops, NoPlateIsInBothSets) {
   std::vector<LabelledCrop> crops;
   for (int plate = 0; plate < 40; ++plate) {
     const std::string text = std::to_string(1000 + 37 * plate) + "BCD";
     // The same plate twice with other hidden characters.
     for (const std::size_t hidden : {0U, 4U}) {
-      std::string shown = text;
-      shown[hidden] = shown[hidden + 1] = '-';
-      crops.push_back(crop_of(shown));
+      std::string visible = text;
+      visible[hidden] = visible[hidden + 1] = '-';
+      crops.push_back(crop_of(visible));
     }
   }
   const CropSplit split = split_crops(crops, 0.25, Rng(3));
@@ -93,10 +93,10 @@ class Training : public testing::Test {
       views_.scenes.push_back(scene);
     }
   }
-  ViewMaker views_;
+  ViewGenerator views_;
 };
 
-TEST_F(Training, ExamplesHaveWhatTheNetworksTake) {
+TEST_F(Training, ExamplesHaveTheShapesOfTheNetworks) {
   linalg::Shape shape;
   std::vector<float> input;
   std::vector<float> target;
@@ -105,23 +105,23 @@ TEST_F(Training, ExamplesHaveWhatTheNetworksTake) {
     Rng rng = Rng(5).fork(k);
     make_detector_example(views_, rng, shape, input, target);
     ASSERT_EQ(input.size(), static_cast<std::size_t>(shape.width * shape.height));
-    EXPECT_EQ(
-        target.size() % static_cast<std::size_t>((shape.width / kCell) * (shape.height / kCell)),
-        0U);
+    EXPECT_EQ(target.size() %
+                  static_cast<std::size_t>((shape.width / kCellSize) * (shape.height / kCellSize)),
+              0U);
     positive = positive || std::count(target.begin(), target.end(), 1.0F) > 0;
     make_aligner_example(views_, rng, shape, input, target);
     EXPECT_EQ(shape.width, kAlignWidth);
     EXPECT_EQ(shape.height, kAlignHeight);
     make_line_example(views_, {}, rng, shape, input, target);
     EXPECT_EQ(shape.height, kLineHeight);
-    ASSERT_EQ(target.size(), static_cast<std::size_t>(shape.width / kColumn));
+    ASSERT_EQ(target.size(), static_cast<std::size_t>(shape.width / kColumnStride));
     std::set<float> labels(target.begin(), target.end());
     EXPECT_GE(labels.size(), 3U) << "hardly any characters in the line";
   }
   EXPECT_TRUE(positive);
 }
 
-TEST_F(Training, ThreadsChangeNothing) {
+TEST_F(Training, ResultDoesNotDependOnThreads) {
   TrainingOptions options;
   options.line_steps = 2;
   NoProgress progress;
@@ -138,14 +138,14 @@ TEST_F(Training, ThreadsChangeNothing) {
   cv::setNumThreads(-1);
 }
 
-TEST_F(Training, StopsWhenAsked) {
+TEST_F(Training, StopsOnRequest) {
   std::stop_source stop;
   stop.request_stop();
   NoProgress progress;
   EXPECT_THROW((void)train_aligner(views_, {}, progress, stop.get_token()), Interrupted);
 }
 
-TEST_F(Training, ImpossibleOptionsAreRefused) {
+TEST_F(Training, RejectsInvalidOptions) {
   TrainingOptions options;
   options.line_steps = 0;
   EXPECT_THROW(options.check(), std::invalid_argument);
@@ -174,7 +174,7 @@ std::shared_ptr<const synth::GlyphSet> stencil(const synth::GlyphSet& known) {
 }
 
 // The crop that a log would store of a plate, and the plate's position in it.
-cv::Mat crop_of_log(const synth::GlyphSet& glyphs, Rng& rng, std::string& text, Quad& corners) {
+cv::Mat logged_crop_of(const synth::GlyphSet& glyphs, Rng& rng, std::string& text, Quad& corners) {
   synth::PlateFaceOptions options;
   options.px_per_mm = 0.35F;
   options.random_style = false;
@@ -183,10 +183,10 @@ cv::Mat crop_of_log(const synth::GlyphSet& glyphs, Rng& rng, std::string& text, 
   const cv::Point margin(face.image.cols / 6, face.image.rows / 4);
   cv::Mat crop(face.image.rows + 2 * margin.y, face.image.cols + 2 * margin.x, CV_8UC3,
                cv::Scalar(90, 95, 100));
-  const cv::Rect place(margin, face.image.size());
-  face.image.copyTo(crop(place));
+  const cv::Rect plate_box(margin, face.image.size());
+  face.image.copyTo(crop(plate_box));
   cv::GaussianBlur(crop, crop, {}, 0.6);
-  corners = quad_of(cv::Rect2f(place));
+  corners = quad_of(cv::Rect2f(plate_box));
   return crop;
 }
 
@@ -196,7 +196,7 @@ CharacterErrors errors_on(const Recognizer& recognizer, const synth::GlyphSet& g
     Rng rng = Rng(100).fork(k);
     std::string text;
     Quad corners;
-    const cv::Mat crop = crop_of_log(glyphs, rng, text, corners);
+    const cv::Mat crop = logged_crop_of(glyphs, rng, text, corners);
     const std::string read = recognizer.read_at(crop, corners).text;
     errors.characters += static_cast<int>(text.size());
     errors.wrong += std::min(edit_distance(text, read), static_cast<int>(text.size()));
@@ -204,7 +204,7 @@ CharacterErrors errors_on(const Recognizer& recognizer, const synth::GlyphSet& g
   return errors;
 }
 
-TEST_F(Training, TenCorrectionsTeachATypeface) {
+TEST_F(Training, TenCorrectionsReduceErrorsOnANewTypeface) {
   TARSIER_LONG_TEST();
   const std::string folder = TARSIER_SOURCE_MODELS;
   const ReaderModel before = read_reader_model(folder + "/plate-reader.json");
@@ -219,8 +219,8 @@ TEST_F(Training, TenCorrectionsTeachATypeface) {
     Rng rng = Rng(7).fork(k);
     std::string text;
     Quad corners;
-    const cv::Mat crop = crop_of_log(*unknown, rng, text, corners);
-    const std::optional<TextCrop> cut = first.cut_text(crop, corners, text);
+    const cv::Mat crop = logged_crop_of(*unknown, rng, text, corners);
+    const std::optional<TextCrop> cut = first.crop_text(crop, corners, text);
     ASSERT_TRUE(cut);
     LabelledCrop labelled;
     labelled.image = cut->image;
@@ -254,7 +254,7 @@ TEST_F(Training, TenCorrectionsTeachATypeface) {
   EXPECT_LE(new_known.wrong, old_known.wrong + 6);
 }
 
-TEST_F(Training, KeepsAShareOfWhatItGoesOnFrom) {
+TEST_F(Training, KeepAveragesOldAndNewWeights) {
   Rng rng(5);
   linalg::Network start = line_network();
   linalg::initialize(start, rng);
@@ -281,7 +281,7 @@ TEST_F(Training, KeepsAShareOfWhatItGoesOnFrom) {
   EXPECT_GT(moved, 0.1);
 }
 
-TEST_F(Training, GoesOnFromAFittingNetworkAlone) {
+TEST_F(Training, RejectsAStartNetworkWithOtherLayers) {
   TrainingOptions options;
   options.line_steps = 1;
   NoProgress progress;

@@ -79,8 +79,8 @@ Quad random_pose(double width, double height, const ViewOptions& options, Rng& r
   const double deg = std::numbers::pi / 180;
   // Most plates are seen nearly frontally; some from a large angle.
   const double spread = rng.uniform() < 0.6 ? 0.25 : 0.7;
-  const auto angle = [&](double most) {
-    return std::clamp(rng.normal(0, most * spread), -most, most) * deg;
+  const auto angle = [&](double limit) {
+    return std::clamp(rng.normal(0, limit * spread), -limit, limit) * deg;
   };
   const double yaw = angle(options.yaw_deg);
   const double pitch = angle(30);
@@ -155,7 +155,7 @@ synth::PlateKind random_kind(Rng& rng, bool wild) {
 }
 
 // Illumination of the plate itself.
-void light(cv::Mat& face, Rng& rng) {
+void illuminate(cv::Mat& face, Rng& rng) {
   const double high = rng.uniform() < 0.15 ? rng.uniform(40, 120) : rng.uniform(110, 255);
   const double low = rng.uniform(0, 0.45) * high;
   face.convertTo(face, -1, (high - low) / 255, low);
@@ -182,12 +182,12 @@ void light(cv::Mat& face, Rng& rng) {
   }
 }
 
-void paste(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs, Rng& rng) {
+void paste_plate(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs, Rng& rng) {
   synth::PlateFaceOptions face_options;
   const bool wild = options.wild && rng.uniform() < 0.7;
   face_options.kind = random_kind(rng, wild);
   face_options.wild = wild;
-  face_options.any_text = !options.lawful;
+  face_options.any_text = !options.valid_text;
   face_options.random_style = rng.uniform() < 0.95;
   face_options.infrared = rng.uniform() < 0.08;
   const double width = log_uniform(options.min_width, options.max_width, rng);
@@ -196,7 +196,7 @@ void paste(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs
   const synth::PlateFace face = synth::render_plate_face(glyphs, face_options, rng);
   if (face.rows > 2 || face.symbols.empty()) return;
   cv::Mat gray = random_gray(face.image, rng);
-  light(gray, rng);
+  illuminate(gray, rng);
   Quad quad = random_pose(face.image.cols, face.image.rows, options, rng);
   const double factor = width / mean_width(quad);
   const double spread = options.centred ? 0.06 : 0.5;
@@ -240,7 +240,7 @@ void paste(View& view, const ViewOptions& options, const synth::GlyphSet& glyphs
   view.plates.push_back(std::move(plate));
 }
 
-void draw_words(cv::Mat& gray, Rng& rng) {
+void draw_random_text(cv::Mat& gray, Rng& rng) {
   const std::string_view letters = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789";
   std::string text;
   for (int i = rng.integer(2, 12); i > 0; --i)
@@ -260,7 +260,7 @@ void ViewOptions::check() const {
   TARSIER_REQUIRE(min_width <= max_width, "plates of {} to {} px", min_width, max_width);
 }
 
-void weather(cv::Mat& gray, double strength, Rng& rng) {
+void simulate_camera(cv::Mat& gray, double strength, Rng& rng) {
   if (rng.uniform() < 0.7) {
     const double sigma = rng.uniform(0.3, 0.5 + 0.9 * strength);
     cv::GaussianBlur(gray, gray, {}, sigma, sigma * rng.uniform(0.7, 1.3));
@@ -308,37 +308,38 @@ void weather(cv::Mat& gray, double strength, Rng& rng) {
   }
 }
 
-void wild_weather(cv::Mat& gray, Rng& rng) {
-  const auto chance = [&](double p) { return rng.uniform() < p; };
-  if (chance(0.12)) {  // downscaling and upscaling
+void simulate_cheap_camera(cv::Mat& gray, Rng& rng) {
+  const auto with_probability = [&](double p) { return rng.uniform() < p; };
+  if (with_probability(0.12)) {  // downscaling and upscaling
     const double scale = rng.uniform(0.45, 0.85);
     const cv::Size size = gray.size();
     cv::Mat small;
-    cv::resize(gray, small, {}, scale, scale, chance(0.5) ? cv::INTER_AREA : cv::INTER_LINEAR);
-    cv::resize(small, gray, size, 0, 0, chance(0.6) ? cv::INTER_CUBIC : cv::INTER_LINEAR);
+    cv::resize(gray, small, {}, scale, scale,
+               with_probability(0.5) ? cv::INTER_AREA : cv::INTER_LINEAR);
+    cv::resize(small, gray, size, 0, 0, with_probability(0.6) ? cv::INTER_CUBIC : cv::INTER_LINEAR);
   }
-  if (chance(0.15)) {  // sharpening
+  if (with_probability(0.15)) {  // sharpening
     cv::Mat soft;
     const double sigma = rng.uniform(0.8, 2.2);
     cv::GaussianBlur(gray, soft, {}, sigma);
     const double amount = rng.uniform(0.4, 2);
     cv::addWeighted(gray, 1 + amount, soft, -amount, 0, gray);
   }
-  if (chance(0.1)) {  // a dark corner, haze
+  if (with_probability(0.1)) {  // a dark corner, haze
     const double gain = rng.uniform(0.12, 0.5);
     gray.convertTo(gray, -1, gain, rng.uniform(0, 255 * (1 - gain)));
   }
-  if (chance(0.15)) {
+  if (with_probability(0.15)) {
     const auto bytes = encode_image(".jpg", gray, "a view", rng.integer(8, 30));
     cv::extractChannel(decode_image(bytes, "a view"), gray, 0);
   }
 }
 
-View ViewMaker::make_distractor(const ViewOptions& options, Rng& rng, Quad& quad) const {
+View ViewGenerator::make_hard_negative(const ViewOptions& options, Rng& rng, Quad& quad) const {
   options.check();
-  TARSIER_REQUIRE(!distractors.empty(), "there are no distractors");
-  const Distractor& chosen = distractors[static_cast<std::size_t>(
-      rng.integer(0, static_cast<int>(distractors.size()) - 1))];
+  TARSIER_REQUIRE(!hard_negatives.empty(), "there are no distractors");
+  const HardNegative& chosen = hard_negatives[static_cast<std::size_t>(
+      rng.integer(0, static_cast<int>(hard_negatives.size()) - 1))];
   const Scene& scene = scenes[chosen.scene];
   const cv::Point2d anchor =
       (chosen.quad[0] + chosen.quad[1] + chosen.quad[2] + chosen.quad[3]) * 0.25F;
@@ -350,16 +351,16 @@ View ViewMaker::make_distractor(const ViewOptions& options, Rng& rng, Quad& quad
   View view;
   view.gray = window_of(scene.image, map, options.size, rng);
   quad = transformed(map, chosen.quad);
-  weather(view.gray, 1.0, rng);
+  simulate_camera(view.gray, 1.0, rng);
   return view;
 }
 
-View ViewMaker::make(const ViewOptions& options, Rng& rng) const {
+View ViewGenerator::make(const ViewOptions& options, Rng& rng) const {
   options.check();
   TARSIER_REQUIRE(!scenes.empty(), "training needs images");
   View view;
-  const double fate = rng.uniform();
-  const bool none = fate < options.none;
+  const double random_type = rng.uniform();
+  const bool none = random_type < options.none;
   const bool drawn = !none && glyphs != nullptr && rng.uniform() < options.drawn;
   const Scene* scene = nullptr;
   for (int tries = 0; tries < 60; ++tries) {
@@ -367,7 +368,7 @@ View ViewMaker::make(const ViewOptions& options, Rng& rng) const {
     if (drawn || none || !scene->plates.empty()) break;
   }
   const cv::Size photo = scene->image.size();
-  const cv::Point2d middle(options.size.width / 2.0, options.size.height / 2.0);
+  const cv::Point2d center(options.size.width / 2.0, options.size.height / 2.0);
   cv::Matx33d map;
   const double roll = rng.normal(0, 0.06);
   if (!drawn && !none && !scene->plates.empty()) {
@@ -382,12 +383,13 @@ View ViewMaker::make(const ViewOptions& options, Rng& rng) const {
     map = random_window(scale, {box.x + box.width / 2.0, box.y + box.height / 2.0}, target, roll,
                         rng);
   } else {
-    const double least = std::max(static_cast<double>(options.size.width) / photo.width,
-                                  static_cast<double>(options.size.height) / photo.height);
-    const double scale = std::min(log_uniform(least, std::max(least * 1.01, 1.5), rng), 3.0);
+    const double min_scale = std::max(static_cast<double>(options.size.width) / photo.width,
+                                      static_cast<double>(options.size.height) / photo.height);
+    const double scale =
+        std::min(log_uniform(min_scale, std::max(min_scale * 1.01, 1.5), rng), 3.0);
     const double y = rng.uniform(0, photo.height);
     const cv::Point2d anchor(rng.uniform(0, photo.width), y);
-    map = random_window(scale, anchor, middle, roll, rng);
+    map = random_window(scale, anchor, center, roll, rng);
   }
   view.gray = window_of(scene->image, map, options.size, rng);
   for (const cv::Rect2f& box : scene->plates) {
@@ -402,14 +404,14 @@ View ViewMaker::make(const ViewOptions& options, Rng& rng) const {
         on_plate = on_plate ||
                    box_iou(plate.plate, quad_of({0, 0, static_cast<float>(options.size.width),
                                                  static_cast<float>(options.size.height)})) > 0;
-      if (!on_plate) draw_words(view.gray, rng);
+      if (!on_plate) draw_random_text(view.gray, rng);
     }
   if (drawn) {
-    paste(view, options, *glyphs, rng);
-    if (!options.centred && rng.uniform() < 0.3) paste(view, options, *glyphs, rng);
+    paste_plate(view, options, *glyphs, rng);
+    if (!options.centred && rng.uniform() < 0.3) paste_plate(view, options, *glyphs, rng);
   }
-  weather(view.gray, 1.0, rng);
-  if (options.wild) wild_weather(view.gray, rng);
+  simulate_camera(view.gray, 1.0, rng);
+  if (options.wild) simulate_cheap_camera(view.gray, rng);
   return view;
 }
 

@@ -29,7 +29,7 @@ struct LabelledCrop {
   struct Symbol {
     char symbol;
     cv::Rect2f box;  // px of `image`
-    int place;       // in the plate's text, so that gaps of hidden characters show
+    int position;    // in the plate's text, so that gaps of hidden characters show
   };
   std::vector<Symbol> symbols;  // in reading order, the visible ones
   int length = 0;               // of the text, with hidden characters
@@ -79,9 +79,9 @@ struct ViewOptions {
   double none = 0.1;    // probability of a view without a plate
   double yaw_deg = 60;  // maximum, for synthetic plates
   double roll_deg = 20;
-  bool centred = false;  // places the plate near the view's centre
-  bool lawful = false;   // the synthetic plate's text always fits a layout of its kind
-  bool wild = false;     // uses the worst plausible plate and camera
+  bool centred = false;     // places the plate near the view's centre
+  bool valid_text = false;  // the synthetic plate's text always fits a layout of its kind
+  bool wild = false;        // uses the worst plausible plate and camera
 
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(16, 4096)},
@@ -97,27 +97,27 @@ struct ViewOptions {
 };
 
 // A false positive of a detector.
-struct Distractor {
+struct HardNegative {
   std::size_t scene = 0;
   Quad quad{};
 };
 
-struct ViewMaker {
+struct ViewGenerator {
   std::vector<Scene> scenes;
   std::shared_ptr<const synth::GlyphSet> glyphs;
-  std::vector<Distractor> distractors;  // see find_distractors()
-  bool wild = false;                    // trains with ViewOptions::wild
+  std::vector<HardNegative> hard_negatives;  // see find_hard_negatives()
+  bool wild = false;                         // trains with ViewOptions::wild
 
   [[nodiscard]] View make(const ViewOptions& options, Rng& rng) const;
-  // A distractor in the centre of a view; `quad` receives its corners. There must be at least one
-  // distractor.
-  [[nodiscard]] View make_distractor(const ViewOptions& options, Rng& rng, Quad& quad) const;
+  // A hard negative in the centre of a view; `quad` receives its corners. There must be at least
+  // one hard negative.
+  [[nodiscard]] View make_hard_negative(const ViewOptions& options, Rng& rng, Quad& quad) const;
 };
 
 // Simulates a camera on a grey image: blur, motion, shadow, tone, noise, JPEG.
-void weather(cv::Mat& gray, double strength, Rng& rng);
+void simulate_camera(cv::Mat& gray, double strength, Rng& rng);
 // Adds the effects of cheap cameras and recorders: sharpening, downscaling and upscaling, strong
 // compression, very low contrast.
-void wild_weather(cv::Mat& gray, Rng& rng);
+void simulate_cheap_camera(cv::Mat& gray, Rng& rng);
 
 }  // namespace tarsier::plate

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/plate/train/found.h"
+#include "tarsier/plate/train/whole_image_fit.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/media/image_file.h"
@@ -18,7 +18,7 @@
 namespace tarsier::plate {
 namespace {
 
-TEST(Logistic, FindsTheOddsThatTheDataHas) {
+TEST(FitLogistic, FindsTheLogOddsOfTheData) {
   // 20 of 100 rows with x = 0 are right, and 80 of 100 with x = 1.
   LogisticRows data;
   for (int i = 0; i < 100; ++i) {
@@ -36,7 +36,7 @@ TEST(Logistic, FindsTheOddsThatTheDataHas) {
   EXPECT_THROW((void)fit_logistic(data, {1, 1}), std::invalid_argument);
 }
 
-TEST(Logistic, StaysFiniteWhereTheDataIsSeparable) {
+TEST(FitLogistic, StaysFiniteForSeparableData) {
   LogisticRows data;
   for (int i = 0; i < 20; ++i) data.add({1, i * 1000.0}, i >= 10);
   const std::vector<double> w = fit_logistic(data, {1e-6, 1e-6});
@@ -45,7 +45,7 @@ TEST(Logistic, StaysFiniteWhereTheDataIsSeparable) {
   EXPECT_GT(w[0] + 10000 * w[1], 0);
 }
 
-class Found : public FolderTest {
+class WholeImageFit : public FolderTest {
  protected:
   // Synthetic cars with ground truth.
   [[nodiscard]] std::string draw(const std::string& name, int count) const {
@@ -69,7 +69,7 @@ class Found : public FolderTest {
   }
 };
 
-TEST_F(Found, JudgeIsFittedToWholeImages) {
+TEST_F(WholeImageFit, ClassifierSeparatesPlatesFromSigns) {
   std::string cars;
   try {
     cars = draw("cars", 7);
@@ -78,18 +78,18 @@ TEST_F(Found, JudgeIsFittedToWholeImages) {
   }
   const std::string models = TARSIER_SOURCE_MODELS;
   ReaderModel model = read_reader_model(models + "/plate-reader.json");
-  const OddsCurve before = model.confidence;
-  model.judge.weights = {};
+  const CalibrationCurve before = model.confidence_curve;
+  model.plate_classifier.weights = {};
   NoProgress progress;
-  const FoundCounts counts = fit_to_found(
+  const WholeImageCounts counts = fit_to_whole_images(
       read_detector_model(models + "/plate-detector.json"),
       choose_countries(read_countries(models + "/countries"), {}), {cars}, model, progress, {});
   EXPECT_EQ(counts.images, 7);
   EXPECT_GE(counts.plates, 7);
-  EXPECT_GT(counts.finds, counts.plates);  // shop signs too
+  EXPECT_GT(counts.detections, counts.plates);  // shop signs too
   EXPECT_GE(counts.texts, 7);
-  EXPECT_LE(counts.right, counts.texts);
-  EXPECT_EQ(model.confidence.weights, before.weights);  // too few texts
+  EXPECT_LE(counts.correct, counts.texts);
+  EXPECT_EQ(model.confidence_curve.weights, before.weights);  // too few texts
   // Now it separates plates from other texts.
   const Recognizer recognizer(read_detector_model(models + "/plate-detector.json"), model,
                               choose_countries(read_countries(models + "/countries"), {}));
@@ -100,11 +100,12 @@ TEST_F(Found, JudgeIsFittedToWholeImages) {
   EXPECT_NEAR(returned, counts.texts, 0.2 * counts.texts);
 }
 
-TEST_F(Found, FoldersWithoutImagesAreRefused) {
+TEST_F(WholeImageFit, RejectsFoldersWithoutImages) {
   ReaderModel model;
   NoProgress progress;
-  EXPECT_THROW(static_cast<void>(fit_to_found({}, {}, {folder_ + "/none"}, model, progress, {})),
-               InputError);
+  EXPECT_THROW(
+      static_cast<void>(fit_to_whole_images({}, {}, {folder_ + "/none"}, model, progress, {})),
+      InputError);
 }
 
 }  // namespace

@@ -13,6 +13,6 @@ namespace tarsier::plate {
 [[nodiscard]] std::vector<bool> are_slogans(const std::vector<Reading>& readings);
 
 // Keeps one reading of each group that competes for one plate. Highest confidence first.
-[[nodiscard]] std::vector<Reading> without_rivals(std::vector<Reading> readings);
+[[nodiscard]] std::vector<Reading> suppress_competing(std::vector<Reading> readings);
 
 }  // namespace tarsier::plate

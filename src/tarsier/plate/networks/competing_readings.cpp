@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/plate/networks/rivals.h"
+#include "tarsier/plate/networks/competing_readings.h"
 
 #include "tarsier/core/statistics.h"
 #include "tarsier/plate/networks/evidence.h"
@@ -13,7 +13,8 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr float kRival = 0.6F;  // share of the smaller box from which only one of two is reported
+constexpr float kMinCompetingOverlap =
+    0.6F;  // share of the smaller box from which only one of two is reported
 
 // The quad around the characters of a plate of one row.
 Quad text_quad(const Reading& reading) {
@@ -24,10 +25,10 @@ Quad text_quad(const Reading& reading) {
 
 // A town, a state, a dealer: small lettering on a plate, above or below its text.
 bool is_slogan_of(const Reading& small, const Reading& plate) {
-  constexpr std::size_t kMinText = 4;
-  constexpr double kSurePlate = 0.9;
-  if (&small == &plate || plate.plate < kSurePlate || plate.rows != 1 || small.rows != 1 ||
-      plate.characters.size() < kMinText || small.characters.empty() ||
+  constexpr std::size_t kMinCharacters = 4;
+  constexpr double kMinPlateProbability = 0.9;
+  if (&small == &plate || plate.plate < kMinPlateProbability || plate.rows != 1 ||
+      small.rows != 1 || plate.characters.size() < kMinCharacters || small.characters.empty() ||
       box_overlap_of_smaller(plate.corners, small.corners) < 0.9F) {
     return false;
   }
@@ -55,7 +56,7 @@ std::vector<bool> are_slogans(const std::vector<Reading>& readings) {
 // Keeps one of the readings that compete for one plate: the one that is most certainly a whole
 // plate and reads well. Half a plate may read as well as the whole one, but the aligner's score is
 // lower.
-std::vector<Reading> without_rivals(std::vector<Reading> readings) {
+std::vector<Reading> suppress_competing(std::vector<Reading> readings) {
   const auto key = [&](std::size_t i) {
     return log_confidence(readings[i]) + 0.5 * log_odds(std::min(readings[i].plate, 0.998));
   };
@@ -65,21 +66,22 @@ std::vector<Reading> without_rivals(std::vector<Reading> readings) {
                    [&](std::size_t a, std::size_t b) { return key(a) > key(b); });
   std::vector<std::size_t> chosen;
   for (const std::size_t i : order) {
-    const auto rival = std::find_if(chosen.begin(), chosen.end(), [&](std::size_t other) {
-      return box_overlap_of_smaller(readings[other].corners, readings[i].corners) > kRival;
+    const auto competing = std::find_if(chosen.begin(), chosen.end(), [&](std::size_t other) {
+      return box_overlap_of_smaller(readings[other].corners, readings[i].corners) >
+             kMinCompetingOverlap;
     });
-    if (rival == chosen.end()) {
+    if (competing == chosen.end()) {
       chosen.push_back(i);
-    } else if (readings[i].text == readings[*rival].text &&
-               readings[i].box.area() < readings[*rival].box.area()) {
-      *rival = i;  // for the same text, the tighter box is the plate itself
+    } else if (readings[i].text == readings[*competing].text &&
+               readings[i].box.area() < readings[*competing].box.area()) {
+      *competing = i;  // for the same text, the tighter box is the plate itself
     }
   }
-  std::vector<Reading> kept;
-  for (const std::size_t i : chosen) kept.push_back(std::move(readings[i]));
-  std::stable_sort(kept.begin(), kept.end(),
+  std::vector<Reading> results;
+  for (const std::size_t i : chosen) results.push_back(std::move(readings[i]));
+  std::stable_sort(results.begin(), results.end(),
                    [](const Reading& a, const Reading& b) { return a.confidence > b.confidence; });
-  return kept;
+  return results;
 }
 
 }  // namespace tarsier::plate
