@@ -19,7 +19,7 @@ namespace tarsier::face::appearance {
 
 // Medians over boxes and the points (2 x n) in them. Throws std::invalid_argument for an empty
 // list.
-[[nodiscard]] BoxPlace learn_box_place(
+[[nodiscard]] ShapeInBox learn_shape_in_box(
     const std::vector<std::pair<cv::Rect2d, Eigen::Matrix2Xd>>& boxes);
 
 // The mean shape, or a shape b of the model, in a detector's box.

@@ -39,7 +39,7 @@ std::vector<ScoredFace> found(const cv::Mat& image, const AnchorSearchOptions& o
   return search_anchors(image, bright(), options, workspace);
 }
 
-TEST(AnchorDetector, FindsWhatItsWeightsSayAtAnySize) {
+TEST(AnchorDetector, DetectsBrightCellAtAnyImageSize) {
   for (const double scale : {0.5, 1.0, 3.0}) {
     const auto px = [&](double at416) { return static_cast<int>(std::lround(at416 * scale)); };
     const cv::Mat image = one_cell({px(416), px(300)}, {px(160), px(96)}, px(32));
@@ -56,7 +56,7 @@ TEST(AnchorDetector, FindsWhatItsWeightsSayAtAnySize) {
   EXPECT_TRUE(found(cv::Mat(200, 300, CV_8UC1, cv::Scalar(0))).empty());
 }
 
-TEST(AnchorDetector, AMarginMovesNothing) {
+TEST(AnchorDetector, MarginDoesNotShiftBoxes) {
   const cv::Mat image = one_cell({416, 416}, {0, 0}, 64);
   const std::vector<ScoredFace> faces = found(image, {.margin = 0.25});
   ASSERT_FALSE(faces.empty());
@@ -66,7 +66,7 @@ TEST(AnchorDetector, AMarginMovesNothing) {
   }
 }
 
-TEST(AnchorDetector, ThreadsDoNotMatter) {
+TEST(AnchorDetector, IsTheSameForAnyNumberOfThreads) {
   Rng rng(4);
   cv::Mat image(300, 500, CV_8UC1);
   for (int y = 0; y < image.rows; ++y)
@@ -87,7 +87,7 @@ TEST(AnchorDetector, ThreadsDoNotMatter) {
   }
 }
 
-TEST(AnchorDetector, RefusesOtherTensors) {
+TEST(AnchorDetector, RejectsInvalidTensors) {
   const auto broken = [](auto change) {
     NamedTensors tensors = bright_anchors();
     change(tensors);
@@ -115,7 +115,7 @@ TEST(AnchorDetector, RefusesOtherTensors) {
 
 class AnchorFiles : public FolderTest {};
 
-TEST_F(AnchorFiles, AreReadAsWritten) {
+TEST_F(AnchorFiles, RoundTrip) {
   const std::string file = path("face-anchors.json");
   write_anchor_detector(file, bright_anchors(), {{"data", "drawn"}});
   const AnchorDetector read = read_anchor_detector(file);
@@ -131,7 +131,7 @@ TEST_F(AnchorFiles, AreReadAsWritten) {
 }
 
 // The real network against the package that it comes from, run in Node: bench/peers/face_boxes.mjs.
-TEST_F(AnchorFiles, TheRealNetworkDrawsTheBoxesOfItsPackage) {
+TEST_F(AnchorFiles, MatchesFaceApi) {
   const char* place = std::getenv("TARSIER_FACE_API");
   if (place == nullptr || !std::filesystem::exists(std::string(place) + "/model"))
     GTEST_SKIP() << "needs the npm package @vladmandic/face-api: $TARSIER_FACE_API is its folder";

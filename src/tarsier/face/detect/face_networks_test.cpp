@@ -41,7 +41,7 @@ cv::Mat noise(cv::Size size, std::uint64_t seed) {
 
 class FaceNetworksTest : public FolderTest {};
 
-TEST_F(FaceNetworksTest, SurviveTheirFile) {
+TEST_F(FaceNetworksTest, FileRoundTrip) {
   const FaceNetworks networks = random_networks(3);
   write_face_networks(path("n.json"), networks, {{"terms", "none"}});
   const FaceNetworks read = read_face_networks(path("n.json"));
@@ -51,7 +51,7 @@ TEST_F(FaceNetworksTest, SurviveTheirFile) {
   EXPECT_EQ(read.sure, networks.sure);
 }
 
-TEST_F(FaceNetworksTest, OtherNetworksAreRefused) {
+TEST_F(FaceNetworksTest, RejectsInvalidFiles) {
   write_face_networks(path("n.json"), random_networks(3), nlohmann::json::object());
   const Archive right = read_archive(path("n.json"), kFaceNetworksType, 1);
   const auto expect_refused = [&](const Archive& wrong) {
@@ -75,7 +75,7 @@ TEST(FaceSearch, RefusesOptionsOutOfRange) {
   EXPECT_THROW((FaceSearchOptions{.threshold = 1}.check()), std::invalid_argument);
 }
 
-TEST(FaceSearch, TheCostDependsOnTheSmallestFaceAndNotOnTheScale) {
+TEST(FaceSearch, CostDependsOnMinFaceRelativeToTheImage) {
   const FaceNetworks networks = random_networks(5);
   FaceSearchWorkspace workspace;
   const cv::Mat small = noise({320, 200}, 1);
@@ -89,7 +89,7 @@ TEST(FaceSearch, TheCostDependsOnTheSmallestFaceAndNotOnTheScale) {
   EXPECT_LT(first, 3.2 * 256 * 160);
 }
 
-TEST(FaceSearch, TheWorkHasAnEndWhateverTheImageHolds) {
+TEST(FaceSearch, BoundsWorkWhenEveryWindowPasses) {
   FaceNetworks networks = random_networks(5);
   networks.scan.layers.back().bias[0] = 20;  // every window scores as a face
   networks.judge.layers.back().bias[0] = 20;
@@ -102,7 +102,7 @@ TEST(FaceSearch, TheWorkHasAnEndWhateverTheImageHolds) {
   EXPECT_FALSE(faces.empty());
 }
 
-TEST(FaceSearch, TinyImagesAreNoTrouble) {
+TEST(FaceSearch, AcceptsTinyImages) {
   FaceSearchWorkspace workspace;
   const FaceNetworks networks = random_networks(1);
   for (const cv::Size size : {cv::Size(1, 1), cv::Size(3, 200), cv::Size(17, 16)}) {
@@ -111,7 +111,7 @@ TEST(FaceSearch, TinyImagesAreNoTrouble) {
   }
 }
 
-TEST(FaceSearch, TheFirstNetworkSeesLocalContrast) {
+TEST(FaceSearch, ScanInputIsLocallyNormalised) {
   cv::Mat gray = noise({44, 40}, 8);
   gray.colRange(20, 44).convertTo(gray.colRange(20, 44), CV_8U, 0.4, 90);
   FaceSearchWorkspace workspace;
@@ -145,7 +145,7 @@ TEST(FaceSearch, TheFirstNetworkSeesLocalContrast) {
   }
 }
 
-TEST(SuppressOverlaps, TheBetterOfTwoOnOneFaceStaysAndNeighboursDo) {
+TEST(SuppressOverlaps, KeepsBestOfOverlappingBoxesAndNeighbours) {
   const std::vector<ScoredFace> kept = suppress_overlaps({{{0, 0, 40, 40}, 0.8},
                                                           {{4, 2, 40, 40}, 0.9},     // the same
                                                           {{12, 12, 18, 18}, 0.85},  // inside it
@@ -155,7 +155,7 @@ TEST(SuppressOverlaps, TheBetterOfTwoOnOneFaceStaysAndNeighboursDo) {
   EXPECT_EQ(kept[1].box.x, 45);
 }
 
-TEST(SuppressOverlaps, NoTwoThatStayOverlapAndEachThatGoesOverlapsABetterOne) {
+TEST(SuppressOverlaps, RemovesExactlyTheBoxesThatOverlapABetterOne) {
   Rng rng(12);
   std::vector<ScoredFace> faces;
   for (int i = 0; i < 600; ++i) {
@@ -237,7 +237,7 @@ TEST_F(FaceTrainingTest, IsTheSameForAnyNumberOfThreads) {
   EXPECT_EQ(one.networks.check.layers[0].weights, three.networks.check.layers[0].weights);
 }
 
-TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByImagesThatWereHeldOut) {
+TEST_F(FaceTrainingTest, ThresholdComesFromHeldOutImages) {
   TARSIER_LONG_TEST();
   for (int i = 2; i < 8; ++i) {
     const std::string name = path("none" + std::to_string(i) + ".png");
@@ -267,7 +267,7 @@ TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByImagesThatWereHeldOut) {
   }
 }
 
-TEST_F(FaceTrainingTest, TakesPixelsInPlaceOfAFile) {
+TEST_F(FaceTrainingTest, UsesGivenPixelsInsteadOfTheFile) {
   const FaceTrainingOptions options{
       .scan_steps = 3, .judge_steps = 3, .check_steps = 3, .drawings = 0};
   const FaceTraining files = train_face_networks(images_, "set", options, silent_, {});
@@ -280,7 +280,7 @@ TEST_F(FaceTrainingTest, TakesPixelsInPlaceOfAFile) {
   EXPECT_EQ(pixels.networks.scan.layers[0].weights, files.networks.scan.layers[0].weights);
 }
 
-TEST(SureScore, IsWhereAsManyAlarmsAreExpectedAsAreAllowed) {
+TEST(SureScore, MatchesAllowedFalseAlarms) {
   // Logits above 0 (score above 0.5), exponentially distributed with mean 1.5.
   std::vector<double> scores;
   constexpr int kCount = 400;
@@ -302,7 +302,7 @@ TEST(SureScore, IsWhereAsManyAlarmsAreExpectedAsAreAllowed) {
   EXPECT_THROW((void)sure_score(scores, 0.5, -1), std::invalid_argument);
 }
 
-TEST(FaceTrainingViews, ThePlaceOfAPointIsWhereItIsDrawn) {
+TEST(FaceTrainingViews, TransformMatchesRenderedView) {
   Rng rng(4);
   for (int round = 0; round < 20; ++round) {
     cv::Mat gray(200, 240, CV_8UC1, cv::Scalar(20));
@@ -323,7 +323,7 @@ TEST(FaceTrainingViews, ThePlaceOfAPointIsWhereItIsDrawn) {
   }
 }
 
-TEST(FaceTrainingViews, SomethingElseMayLieBehindAnImage) {
+TEST(FaceTrainingViews, ShowsBackgroundOutsideTheImage) {
   training::Image image;
   make_halves(cv::Mat(20, 20, CV_8UC1, cv::Scalar(200)), 0.5, image.halves);
   const cv::Mat behind(64, 64, CV_8UC1, cv::Scalar(10));
@@ -334,7 +334,7 @@ TEST(FaceTrainingViews, SomethingElseMayLieBehindAnImage) {
   EXPECT_EQ(training::view_of(image, where, 64).at<std::uint8_t>(5, 5), 200);
 }
 
-TEST(FaceTrainingViews, DrawingsComeFromTheSeed) {
+TEST(FaceTrainingViews, DrawingsAreDeterministicBySeed) {
   Rng one(7);
   Rng same(7);
   cv::Mat last;
@@ -352,7 +352,7 @@ TEST(FaceTrainingViews, DrawingsComeFromTheSeed) {
   }
 }
 
-TEST_F(FaceTrainingTest, NeedsFacesAndImagesWithout) {
+TEST_F(FaceTrainingTest, NeedsImagesWithAndWithoutFaces) {
   std::vector<FaceImage> faces(images_.begin(), images_.begin() + 3);
   EXPECT_THROW((void)train_face_networks(faces, "set", {}, silent_, {}), InputError);
   std::vector<FaceImage> without(images_.begin() + 3, images_.end());

@@ -57,7 +57,7 @@ struct Case {
 
 class HaarCascadeTest : public testing::TestWithParam<Case> {};
 
-TEST_P(HaarCascadeTest, FindsTheWindowsThatOpenCvFinds) {
+TEST_P(HaarCascadeTest, FindsTheSameWindowsAsOpenCv) {
   const auto [name, size, step, min, max] = GetParam();
   const std::string path = find_cascade(name);
   if (path.empty()) GTEST_SKIP() << "OpenCV's cascades are not installed (opencv-data)";
@@ -90,7 +90,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Case{"haarcascade_profileface.xml", {250, 199}, 1.05, 20, 0},
                     Case{"haarcascade_frontalface_alt2.xml", {200, 200}, 1.3, 61, 61}));
 
-TEST(HaarCascade, AnyNumberOfThreadsAndVectorsFindsTheSame) {
+TEST(HaarCascade, IsTheSameForAnyThreadsAndInstructionSet) {
   const std::string path = find_cascade("haarcascade_frontalface_alt2.xml");
   if (path.empty()) GTEST_SKIP() << "OpenCV's cascades are not installed (opencv-data)";
   const cv::Mat image = face_like({400, 300}, 7);
@@ -126,7 +126,7 @@ TEST(HaarCascade, AnyNumberOfThreadsAndVectorsFindsTheSame) {
   EXPECT_EQ(pass(haar_kernels()), plain);
 }
 
-TEST(HaarCascade, OtherFilesAreLeftToOpenCv) {
+TEST(HaarCascade, UnsupportedCascadesUseOpenCv) {
   for (const char* name : {"lbpcascade_frontalface.xml", "haarcascade_eye_tree_eyeglasses.xml"}) {
     const std::string path = find_cascade(name);
     if (path.empty()) GTEST_SKIP() << "OpenCV's cascades are not installed (opencv-data)";
@@ -136,7 +136,7 @@ TEST(HaarCascade, OtherFilesAreLeftToOpenCv) {
   EXPECT_FALSE(HaarCascade::read("/nowhere/cascade.xml"));
 }
 
-TEST(HaarCascade, ImagesSmallerThanTheWindowHaveNone) {
+TEST(HaarCascade, FindsNothingInImagesSmallerThanTheWindow) {
   const std::string path = find_cascade("haarcascade_frontalface_alt2.xml");
   if (path.empty()) GTEST_SKIP() << "OpenCV's cascades are not installed (opencv-data)";
   std::optional<HaarCascade> cascade = HaarCascade::read(path);

@@ -17,7 +17,7 @@ HeadAngles random_angles(Rng& rng) {
   return {yaw, pitch, rng.uniform(-170, 170)};
 }
 
-TEST(AngleSigma, IsWhatASmallTurnDoesToTheAngles) {
+TEST(AngleSigma, MatchesTheEffectOfASmallRotation) {
   Rng rng(1);
   for (int k = 0; k < 50; ++k) {
     const HeadAngles angles = random_angles(rng);
@@ -33,7 +33,7 @@ TEST(AngleSigma, IsWhatASmallTurnDoesToTheAngles) {
   }
 }
 
-TEST(AngleSigma, GoesBackToTheTurn) {
+TEST(AngleSigma, RotationCovarianceInvertsAngleCovariance) {
   Rng rng(2);
   for (int k = 0; k < 50; ++k) {
     const HeadAngles angles = random_angles(rng);
@@ -45,7 +45,7 @@ TEST(AngleSigma, GoesBackToTheTurn) {
   }
 }
 
-TEST(AngleSigma, StaysFiniteWhereYawAndRollAreOne) {
+TEST(AngleSigma, StaysFiniteAtGimbalLock) {
   const Eigen::Matrix3d turn = 1e-4 * Eigen::Matrix3d::Identity();
   const Eigen::Matrix3d found = angle_covariance({0, 90, 0}, turn);
   EXPECT_TRUE(found.allFinite());

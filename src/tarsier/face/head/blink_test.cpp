@@ -50,7 +50,7 @@ std::vector<int> blinks(const std::vector<std::pair<double, EyePatches>>& frames
   return found;
 }
 
-TEST(EyePatchesTest, IsThatOfTheReferenceHoweverAFlatImageMoves) {
+TEST(EyePatchesTest, IsInvariantToAffineMotion) {
   const Eigen::Matrix2Xd points = eyes(1);
   const cv::Mat image = testing::image_of_eyes(points);
   const EyePatches first = patches(1);
@@ -71,7 +71,7 @@ TEST(EyePatchesTest, IsThatOfTheReferenceHoweverAFlatImageMoves) {
   EXPECT_LT(first[0].dot(shut[0]), 0.7);
 }
 
-TEST(EyePatchesTest, TakesAnyPlaceAndRefusesOtherImages) {
+TEST(EyePatchesTest, AcceptsAnyPositionAndRejectsInvalidInput) {
   const Eigen::Matrix2Xd points = eyes(1).leftCols(68);
   AffineMap away = no_motion();
   away.col(2) << -245, 0;  // one eye at the image's edge
@@ -110,7 +110,7 @@ TEST(BlinkDetector, DoesNotDependOnHowFarTheLidsAreOpen) {
   }
 }
 
-TEST(BlinkDetector, IsNotDeceived) {
+TEST(BlinkDetector, IgnoresNodsOcclusionsAndLongClosures) {
   const EyePatches open = patches(1);
   const EyePatches shut = patches(0.1);
   std::vector<std::pair<double, EyePatches>> nodded;  // the lids nearer, the eyes as ever

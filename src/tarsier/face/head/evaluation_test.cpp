@@ -23,7 +23,7 @@ PosePair pair_of(const HeadAngles& found, const HeadAngles& truth) {
   return pair;
 }
 
-TEST(HeadComparisonTest, IsOfWhatASimilarityDoesNotExplain) {
+TEST(HeadComparisonTest, MeasuresErrorAfterSimilarityAlignment) {
   const TemporaryFolder folder;
   const HeadModel head = testing_head(1);
   const auto write = [&](const std::string& name, const Eigen::Matrix3Xd& points) {
@@ -47,7 +47,7 @@ TEST(HeadComparisonTest, IsOfWhatASimilarityDoesNotExplain) {
   EXPECT_THROW((void)compare_head(head, write("few.txt", points.leftCols(24))), InputError);
 }
 
-TEST(PoseEvaluation, ErrorsAreThoseOfTheAngles) {
+TEST(PoseEvaluation, ComputesAngleAndTranslationErrors) {
   std::vector<PosePair> pairs = {pair_of({4, 0, 0}, {0, 0, 0}), pair_of({0, -20, 0}, {0, 0, 0}),
                                  pair_of({0, 0, 179}, {0, 0, -179})};
   pairs[0].translation = Eigen::Vector3d(0, 3, 500);
@@ -66,7 +66,7 @@ TEST(PoseEvaluation, ErrorsAreThoseOfTheAngles) {
   EXPECT_NEAR(score.translation_percent, 0.6, 1e-12);
 }
 
-TEST(PoseEvaluation, CountsWhatIsWithinOneAndTwoSigmas) {
+TEST(PoseEvaluation, CountsErrorsWithinOneAndTwoSigmas) {
   std::vector<PosePair> pairs = {pair_of({4, 0, 0}, {0, 0, 0}), pair_of({-6, 3, 0}, {0, 0, 0}),
                                  pair_of({1, 0, 179}, {0, 0, -179}),
                                  pair_of({50, 50, 50}, {0, 0, 0})};
@@ -88,7 +88,7 @@ TEST(PoseEvaluation, CountsWhatIsWithinOneAndTwoSigmas) {
   EXPECT_EQ(score_poses(pairs, 4).image_coverage.yaw.within2, 1);
 }
 
-TEST(PoseEvaluation, NothingFoundIsNoError) {
+TEST(PoseEvaluation, NoPosesGiveZeroErrors) {
   const PoseScore score = score_poses({}, 7);
   EXPECT_EQ(score.answered, 0);
   EXPECT_EQ(score.mean_deg, 0);
@@ -102,7 +102,7 @@ class PoseLines : public FolderTest {
   }
 };
 
-TEST_F(PoseLines, AllFormsTellTheSameRotation) {
+TEST_F(PoseLines, ReadsAllRotationFormats) {
   const Eigen::Matrix3d r = rotation_of_angles({10, 20, 30});
   std::string nine;
   for (const double v : geometry::row_major(r))
@@ -155,7 +155,7 @@ TEST_F(PoseLines, RefusesBrokenLines) {
   EXPECT_THAT(refusal(std::string(100'000, '[')), HasSubstr("l.jsonl"));
 }
 
-TEST(Pointing, NamesCarryTheAngles) {
+TEST(Pointing, ParsesAnglesFromFileNames) {
   const auto name = parse_pointing_name("a/Person01/person01246-30+15.jpg");
   ASSERT_TRUE(name);
   EXPECT_EQ(name->person, 1);
@@ -166,7 +166,7 @@ TEST(Pointing, NamesCarryTheAngles) {
   EXPECT_FALSE(parse_pointing_name("person01246-30+15b.jpg"));
 }
 
-TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
+TEST(Pointing, SubtractsOffsetsAndChecksMonotonicity) {
   std::vector<PointingOutcome> outcomes;
   for (const double pan : {-45.0, -15.0, 0.0, 15.0, 45.0, 90.0}) {
     // All yaws have an offset of 5 degrees to the left, and rotations are estimated too small.
@@ -200,7 +200,7 @@ TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
   EXPECT_FALSE(score_pointing(outcomes).yaw_rises);
 }
 
-TEST(Pointing, AHeadThatPansThenNodsLooksWhereTheNameSays) {
+TEST(Pointing, GazeOfPanThenTiltMatchesTheName) {
   std::vector<PointingOutcome> outcomes;
   for (const double pan : {-45.0, 0.0, 45.0}) {
     for (const double tilt : {-30.0, 0.0, 30.0}) {
@@ -224,7 +224,7 @@ TEST(Pointing, AHeadThatPansThenNodsLooksWhereTheNameSays) {
   EXPECT_EQ(score.coverage.pitch.within, 9);
 }
 
-TEST_F(PoseLines, TheBoxBesideAPointingImage) {
+TEST_F(PoseLines, ReadsBoxOfPointingImage) {
   std::ofstream(path("person01246-30+15.txt")) << "person\n\nFace\n192\n237\n126\n94\n";
   const auto box = pointing_box(path("person01246-30+15.jpg"));
   ASSERT_TRUE(box);

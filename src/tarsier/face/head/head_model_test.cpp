@@ -34,7 +34,7 @@ std::string message_of(const std::function<void()>& action) {
   return "nothing";
 }
 
-TEST_F(HeadModelFile, GoesThereAndBack) {
+TEST_F(HeadModelFile, RoundTrip) {
   for (const int modes : {0, 5}) {
     HeadModel model = testing_head(modes);
     model.outline = {16, 17, 24};
@@ -54,7 +54,7 @@ TEST_F(HeadModelFile, GoesThereAndBack) {
   }
 }
 
-TEST_F(HeadModelFile, RefusesWhatIsNoHead) {
+TEST_F(HeadModelFile, RejectsInvalidModels) {
   const json good = to_json(testing_head(3));
   const std::pair<std::function<void(json&)>, const char*> cases[] = {
       {[](json& v) { v.erase("mean"); }, "mean"},
@@ -126,7 +126,7 @@ TEST(HeadModel, MustBeSymmetric) {
   EXPECT_THROW(model.check(), std::invalid_argument);
 }
 
-TEST(HeadModel, OfSomePointsDescribesTheSameShapes) {
+TEST(HeadModel, SelectedPointsKeepTheShapeCovariance) {
   HeadModel model = testing_head(4);
   model.outline = {24, 5, 8};
   const HeadModel part = select_points(model, {1, 0, 22, 8, 9, 24, 12, 13});

@@ -35,7 +35,7 @@ VectorXd random_b(const HeadModel& model, Rng& rng) {
   return b;
 }
 
-TEST(HeadPose, OfTheMeanHeadIsExact) {
+TEST(HeadPose, IsExactForTheMeanHead) {
   const HeadPoser poser(testing_head(3));
   const geometry::Camera camera = testing_camera();
   Rng rng(1);
@@ -51,7 +51,7 @@ TEST(HeadPose, OfTheMeanHeadIsExact) {
   }
 }
 
-TEST(HeadPose, TurnsTheWayThatIsDefined) {
+TEST(HeadPose, AngleSignsMatchTheDefinition) {
   const HeadPoser poser(testing_head(0));
   const geometry::Camera camera = testing_camera();
   Rng rng(2);
@@ -75,7 +75,7 @@ TEST(HeadPose, TurnsTheWayThatIsDefined) {
   EXPECT_NEAR(rolled.roll_deg, 15, 0.1);
 }
 
-TEST(HeadPose, WithShapeIsBetterThanWithTheMeanHeadAndWithIdentityBetterStill) {
+TEST(HeadPose, ShapeFitAndIdentityReduceTheError) {
   const HeadModel model = testing_head(16);
   const geometry::Camera camera = testing_camera();
   HeadPoseOptions rigid;
@@ -109,7 +109,7 @@ TEST(HeadPose, WithShapeIsBetterThanWithTheMeanHeadAndWithIdentityBetterStill) {
   EXPECT_LT(shape_error, 0.15 * shape_start);
 }
 
-TEST(HeadIdentityState, ForgetsSlowlyAndIsNoneBeforeTheFirstFrame) {
+TEST(HeadIdentityState, StartsAtZeroAndForgetsSlowly) {
   const HeadModel model = testing_head(4);
   const HeadPoser poser(model);
   const geometry::Camera camera = testing_camera();
@@ -139,7 +139,7 @@ TEST(HeadIdentityState, ForgetsSlowlyAndIsNoneBeforeTheFirstFrame) {
   EXPECT_THROW((void)poser.pose(Matrix2Xd::Zero(2, 25), camera, other), std::invalid_argument);
 }
 
-TEST(HeadPose, BearsMissingPointsAndOutliers) {
+TEST(HeadPose, ToleratesMissingPointsAndOutliers) {
   const HeadPoser poser(testing_head(3));
   const geometry::Camera camera = testing_camera();
   Rng rng(5);
@@ -156,7 +156,7 @@ TEST(HeadPose, BearsMissingPointsAndOutliers) {
   EXPECT_LT(worst, 3);
 }
 
-TEST(HeadPose, PointsThatAreKnownToBeOffCountLess) {
+TEST(HeadPose, UncertainPointsGetLessWeight) {
   const HeadPoser poser(testing_head(8));
   const geometry::Camera camera = testing_camera();
   double trusted = 0;
@@ -227,7 +227,7 @@ TEST(HeadPose, RefusesWithAReason) {
 
 // In a turned head, the far side of the outline is the edge of the cheek. So these points get a low
 // weight.
-TEST(HeadPose, DoesNotTrustTheFarOutlineOfATurnedHead) {
+TEST(HeadPose, DownweightsFarOutlineOfTurnedHead) {
   const HeadModel model = testing_head(0);
   HeadPoseOptions options;
   options.outline = {16, 17, 18, 19, 20, 21};  // the sides; even ones at image left
@@ -283,7 +283,7 @@ Matrix3Xd random_shape(const HeadModel& model, Rng& rng) {
   return shape;
 }
 
-TEST(HeadPoseSigma, CoversTheErrorsOfPointsWithKnownNoise) {
+TEST(HeadPoseSigma, CoversErrorsForKnownNoise) {
   const HeadModel model = testing_head(8);
   const HeadPoser poser(model);
   HeadPoseOptions rigid;
@@ -323,7 +323,7 @@ TEST(HeadPoseSigma, CoversTheErrorsOfPointsWithKnownNoise) {
   weighed.expect_right("a deviation for each point");
 }
 
-TEST(HeadPoseSigma, IsLargerForWhatShowsLess) {
+TEST(HeadPoseSigma, GrowsWithDistanceNoiseAndMissingPoints) {
   const HeadPoser poser(testing_head(8));
   const geometry::Camera camera = testing_camera();
   for (int k = 0; k < 30; ++k) {
@@ -354,7 +354,7 @@ TEST(HeadPoseSigma, IsLargerForWhatShowsLess) {
   }
 }
 
-TEST(HeadPoseSigma, OfAVideoDoesNotShrinkWithItsLength) {
+TEST(HeadPoseSigma, DoesNotShrinkWithVideoLength) {
   const HeadPoser poser(testing_head(8));
   const geometry::Camera camera = testing_camera();
   Rng rng(23);
@@ -368,7 +368,7 @@ TEST(HeadPoseSigma, OfAVideoDoesNotShrinkWithItsLength) {
 
 // Heads of ICT-FaceKit's 100 identity modes, which the installed model was not trained on. Measures
 // how much the identity over frames gains.
-TEST(HeadPoseData, GainsFromTheIdentityOfUnknownPeople) {
+TEST(HeadPoseData, IdentityReducesErrorForUnseenPeople) {
   const char* data = std::getenv("TARSIER_DATA");
   std::ifstream file((data == nullptr ? std::string() : std::string(data)) + "/head3d/ict68.txt");
   if (!file.good()) GTEST_SKIP() << "needs head3d of $TARSIER_DATA";
@@ -428,7 +428,7 @@ TEST(HeadPoseData, GainsFromTheIdentityOfUnknownPeople) {
   EXPECT_LT(known, 2.7);
 }
 
-TEST(GuessCamera, LooksThroughTheMiddle) {
+TEST(GuessCamera, UsesImageCenterAndDefaultFocalLength) {
   const geometry::Camera camera = guess_camera({640, 480});
   camera.check();
   EXPECT_NEAR(camera.fx, 832, 1e-9);

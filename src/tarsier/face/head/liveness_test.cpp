@@ -119,7 +119,7 @@ LivenessStatus play(std::uint64_t seed, const Actor& actor, bool flat, double no
   return liveness.status();
 }
 
-TEST(DrawTasks, AreOfTheSeedAndNeverTwiceInARow) {
+TEST(DrawTasks, AreDeterministicAndNeverRepeat) {
   std::set<std::vector<LivenessTask>> orders;
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
     const auto tasks = draw_tasks(4, seed);
@@ -130,14 +130,14 @@ TEST(DrawTasks, AreOfTheSeedAndNeverTwiceInARow) {
   EXPECT_EQ(orders.size(), 24U) << "3 * 2 * 2 * 2 of them";
 }
 
-TEST(Liveness, PassesWhoDoesWhatIsAsked) {
+TEST(Liveness, PassesAPersonWhoPerformsTheTasks) {
   int passed = 0;
   for (std::uint64_t seed = 0; seed < 50; ++seed)
     passed += play(seed, person(25), false).state == LivenessState::kPassed ? 1 : 0;
   EXPECT_GE(passed, 49);
 }
 
-TEST(Liveness, RefusesAPlaneThatIsTurned) {
+TEST(Liveness, RejectsTurnedFlatImage) {
   for (std::uint64_t seed = 0; seed < 50; ++seed) {
     const LivenessStatus status = play(seed, person(35), true);
     EXPECT_EQ(status.state, LivenessState::kFailed) << seed;
@@ -145,7 +145,7 @@ TEST(Liveness, RefusesAPlaneThatIsTurned) {
 }
 
 // A plane is moved in every direction, fast and slow, and nodded so that the eyes look narrower.
-TEST(Liveness, RefusesAPlaneThatIsWaved) {
+TEST(Liveness, RejectsWavedFlatImage) {
   int flat = 0;
   for (std::uint64_t seed = 0; seed < 50; ++seed) {
     const double rate = 0.5 + 0.1 * static_cast<double>(seed % 20);
@@ -165,7 +165,7 @@ TEST(Liveness, RefusesAPlaneThatIsWaved) {
   EXPECT_GT(flat, 0) << "and says why";
 }
 
-TEST(Liveness, RefusesWhoDoesNothingOrTheOtherThing) {
+TEST(Liveness, FailsWithoutMotionOrWithWrongMotion) {
   const auto still = [](const LivenessStatus&, double) { return Act{}; };
   EXPECT_EQ(play(1, still, false).reason, "time");
   LivenessOptions turn;
@@ -181,7 +181,7 @@ TEST(Liveness, RefusesWhoDoesNothingOrTheOtherThing) {
   }
 }
 
-TEST(Liveness, FailsWithoutAFaceAndWithAnotherOne) {
+TEST(Liveness, FailsWithoutAFaceOrWithAnotherId) {
   Rng rng(1);
   const auto frame = [&](double time, int id) {
     LivenessFrame out;
@@ -209,7 +209,7 @@ TEST(Liveness, FailsWithoutAFaceAndWithAnotherOne) {
   EXPECT_EQ(nobody.step(empty).reason, "no face");
 }
 
-TEST(Liveness, RefusesMisuse) {
+TEST(Liveness, RejectsInvalidArguments) {
   LivenessOptions bad;
   bad.blink.min_closing = -0.5;
   EXPECT_THROW(Liveness(1, bad), std::invalid_argument);

@@ -15,7 +15,7 @@ double degrees_between(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) {
 
 Eigen::Vector3d forward_of(const Eigen::Matrix3d& r) { return r * Eigen::Vector3d(0, 0, -1); }
 
-TEST(PoseTowards, FindsTurnAndPlaceOfTheTrueDirection) {
+TEST(PoseTowards, RecoversRollAndTranslation) {
   const HeadModel model = testing_head(3);
   const HeadPoser poser(model);
   Rng rng(5);
@@ -32,7 +32,7 @@ TEST(PoseTowards, FindsTurnAndPlaceOfTheTrueDirection) {
   }
 }
 
-TEST(PoseTowards, KeepsTheDirectionThatItIsGiven) {
+TEST(PoseTowards, KeepsTheGivenDirection) {
   const HeadModel model = testing_head(3);
   const HeadPoser poser(model);
   Rng rng(6);
@@ -52,7 +52,7 @@ TEST(PoseTowards, KeepsTheDirectionThatItIsGiven) {
   }
 }
 
-TEST(PoseTowards, ChangesNothingThatIsKnownOfThePerson) {
+TEST(PoseTowards, DoesNotChangeTheIdentity) {
   const HeadModel model = testing_head(3);
   const HeadPoser poser(model);
   Rng rng(7);
@@ -66,7 +66,7 @@ TEST(PoseTowards, ChangesNothingThatIsKnownOfThePerson) {
   EXPECT_EQ(identity.vector, before);
 }
 
-TEST(PoseTowards, RefusesWhatIsNoRotation) {
+TEST(PoseTowards, RejectsInvalidRotation) {
   const HeadModel model = testing_head(1);
   const HeadPoser poser(model);
   Rng rng(8);

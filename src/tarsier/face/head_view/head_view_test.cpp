@@ -11,7 +11,7 @@
 namespace tarsier::face::head_view {
 namespace {
 
-TEST(HeadView, AHeadAtTheRimThatLooksIntoTheCameraIsSeenStraight) {
+TEST(HeadView, HeadAtBorderFacingTheCameraHasZeroYaw) {
   const geometry::Camera camera = testing_camera();
   geometry::Rigid3 pose{Eigen::Matrix3d::Identity(), {150, 0, 700}};
   const Eigen::Vector3d middle = pose * Eigen::Vector3d(0, 30, 40);
@@ -24,7 +24,7 @@ TEST(HeadView, AHeadAtTheRimThatLooksIntoTheCameraIsSeenStraight) {
   EXPECT_GT(aside, 10);
 }
 
-TEST(HeadView, RollAndDistanceAreTakenOut) {
+TEST(HeadView, GradientsAreInvariantToRollAndDistance) {
   const geometry::Camera camera = testing_camera();
   const auto seen = [&](double roll, double distance) {
     const geometry::Rigid3 pose{head::rotation_of_angles({15, -10, roll}), {0, -20, distance}};
@@ -38,7 +38,7 @@ TEST(HeadView, RollAndDistanceAreTakenOut) {
   EXPECT_LT((seen(0, 650) - upright).norm(), 0.4F * unlike);
 }
 
-TEST(HeadView, TheMirrorsViewIsThatOfTheMirroredImage) {
+TEST(HeadView, MirroredViewMatchesMirroredImage) {
   const geometry::Camera camera = testing_camera();
   const geometry::Rigid3 pose{head::rotation_of_angles({20, 8, 12}), {30, -20, 550}};
   const cv::Mat image = painted_head(pose, camera);
@@ -75,7 +75,7 @@ TEST(HeadView, OffsetsAreInMillimetresOfTheUprightHead) {
   }
 }
 
-TEST(HeadView, AHeadThatDoesNotKnowLeftFromRightHasNoOffsets) {
+TEST(HeadView, HeadModelWithoutMirrorGivesNoOffsets) {
   const geometry::Camera camera = testing_camera();
   const geometry::Rigid3 pose{Eigen::Matrix3d::Identity(), {0, 0, 600}};
   head::HeadModel head = testing_points();
@@ -86,7 +86,7 @@ TEST(HeadView, AHeadThatDoesNotKnowLeftFromRightHasNoOffsets) {
   EXPECT_EQ(view->offsets.size(), 0);
 }
 
-TEST(HeadView, DirectionsGoThereAndBack) {
+TEST(HeadView, DirectionRoundTrip) {
   const geometry::Camera camera = testing_camera();
   const geometry::Rigid3 pose{head::rotation_of_angles({20, 8, 30}), {60, -20, 550}};
   const HeadView view = *view_of_painted(painted_head(pose, camera), camera, pose);
@@ -104,7 +104,7 @@ TEST(HeadView, DirectionsGoThereAndBack) {
   EXPECT_NEAR(direction_of(view, there).yaw_deg, 40, 1e-9);
 }
 
-TEST(HeadView, GradientsTellTheDirectionOfLines) {
+TEST(HeadView, GradientsEncodeTheDirectionOfLines) {
   cv::Mat crop(kSide, kSide, CV_8UC1);
   for (int y = 0; y < kSide; ++y)
     for (int x = 0; x < kSide; ++x) crop.at<std::uint8_t>(y, x) = x % 8 < 4 ? 60 : 160;
@@ -118,7 +118,7 @@ TEST(HeadView, GradientsTellTheDirectionOfLines) {
   EXPECT_LT((gradients_of(darker) - upright).norm(), 0.02F * upright.norm());
 }
 
-TEST(HeadView, HeadsThatCannotBeSeenAndWrongImages) {
+TEST(HeadView, RejectsInvisibleHeadsAndInvalidImages) {
   const geometry::Camera camera = testing_camera();
   const cv::Mat gray(camera.height, camera.width, CV_8UC1, cv::Scalar(0));
   const head::HeadModel head = testing_points();

@@ -75,7 +75,7 @@ std::vector<Direction> rough_of(const std::vector<ViewSample>& test) {
   return result;
 }
 
-TEST(ViewModel, MendsPosesThatSlipped) {
+TEST(ViewModel, ReducesPitchAndYawErrors) {
   const ViewModel model = train_view_model(samples(250, 1), {});
   const std::vector<ViewSample> test = samples(80, 2);
   std::vector<Direction> found;
@@ -87,7 +87,7 @@ TEST(ViewModel, MendsPosesThatSlipped) {
   EXPECT_LT(after.yaw, 0.7 * before.yaw);
 }
 
-TEST(ViewModel, TreatsLeftAndRightAlike) {
+TEST(ViewModel, IsMirrorSymmetric) {
   const ViewModel model = train_view_model(samples(120, 3), {});
   for (const ViewSample& sample : samples(10, 4)) {
     const Direction here = looks_to(model, sample.view).direction;
@@ -97,7 +97,7 @@ TEST(ViewModel, TreatsLeftAndRightAlike) {
   }
 }
 
-TEST(ViewModel, LeavesUnlikeViewsAlone) {
+TEST(ViewModel, DoesNotCorrectUnfamiliarViews) {
   const ViewModel model = train_view_model(samples(120, 5), {});
   HeadView unlike = samples(1, 6).front().view;
   unlike.gradients.setConstant(3);
@@ -108,7 +108,7 @@ TEST(ViewModel, LeavesUnlikeViewsAlone) {
   EXPECT_LT((answer.slope - Eigen::Matrix2d::Identity()).norm(), 1e-3);
 }
 
-TEST(ViewModel, TheSlopeIsHowTheAnswerFollowsTheRoughAngles) {
+TEST(ViewModel, JacobianMatchesNumericDerivative) {
   const ViewModel model = train_view_model(samples(120, 15), {});
   constexpr double kStep = 0.2;  // degrees
   for (const ViewSample& sample : samples(10, 16)) {
@@ -127,7 +127,7 @@ TEST(ViewModel, TheSlopeIsHowTheAnswerFollowsTheRoughAngles) {
   }
 }
 
-TEST(ViewModel, LeavingOutIsLearningWithoutAGroup) {
+TEST(ViewModel, LeaveGroupsOutMatchesTrainingWithoutTheGroup) {
   const std::vector<ViewSample> all = samples(60, 7);
   TrainViewOptions options;
   options.components = 12;
@@ -144,7 +144,7 @@ TEST(ViewModel, LeavingOutIsLearningWithoutAGroup) {
   }
 }
 
-TEST(ViewModel, WhatIsConstantOverAPersonIsNotLearnt) {
+TEST(ViewModel, IgnoresConstantErrorOfAGroup) {
   // One of five people looks 12 degrees beside the direction of the others.
   std::vector<ViewSample> training = samples(200, 13);
   for (ViewSample& sample : training) {
@@ -161,7 +161,7 @@ TEST(ViewModel, WhatIsConstantOverAPersonIsNotLearnt) {
   EXPECT_LT(yaw_error({}), 0.9 * yaw_error({.group_error = 0}));
 }
 
-TEST(ViewModel, ExactTruthsAreFollowedMoreCloselyThanAskedOnes) {
+TEST(ViewModel, FitsExactTruthsMoreCloselyThanNominalOnes) {
   const auto error_of_training = [](bool asked) {
     std::vector<ViewSample> training = samples(100, 17);
     for (ViewSample& sample : training) sample.asked = asked;
@@ -177,7 +177,7 @@ TEST(ViewModel, ExactTruthsAreFollowedMoreCloselyThanAskedOnes) {
   EXPECT_LT(exact.yaw, 0.6 * asked.yaw);
 }
 
-TEST(ViewModel, BadOptionsAndDataAreRefused) {
+TEST(ViewModel, RejectsInvalidOptionsAndData) {
   const std::vector<ViewSample> few = samples(4, 8);
   EXPECT_THROW((void)train_view_model(few, {}), std::invalid_argument);
   const std::vector<ViewSample> alike(20, few.front());
@@ -206,7 +206,7 @@ class ViewModelFile : public ::testing::Test {
   std::filesystem::path folder_;
 };
 
-TEST_F(ViewModelFile, KeepsEveryAnswer) {
+TEST_F(ViewModelFile, RoundTripKeepsPredictions) {
   const ViewModel model = train_view_model(samples(40, 10), {});
   write_view_model(path("view.json"), model, {{"data", "painted"}});
   const ViewModel read = read_view_model(path("view.json"));
@@ -220,7 +220,7 @@ TEST_F(ViewModelFile, KeepsEveryAnswer) {
   EXPECT_EQ(read.trained_on, 40);
 }
 
-TEST_F(ViewModelFile, BadFilesAreRefusedByName) {
+TEST_F(ViewModelFile, RejectsInvalidFilesWithTheirName) {
   write_view_model(path("good.json"), train_view_model(samples(20, 12), {}),
                    nlohmann::json::object());
   nlohmann::json file;

@@ -83,7 +83,7 @@ TEST(FaceFinder, FindsAFaceOf40PixelsIn1080p) {
   EXPECT_EQ(found_of({face}, cascades.find_sure(image)), 1);
 }
 
-TEST(FaceFinder, FindsFacesOf24PixelsWhereAsked) {
+TEST(FaceFinder, FindsFacesOf24PixelsOnRequest) {
   cv::Mat image = wall({1280, 720});
   const cv::Rect2d face = draw_face(image, {333, 271}, 26, 2);
   FaceFinderOptions options;
@@ -116,7 +116,7 @@ struct SeesABrightSpot final : BoxDetector {
   double width;
 };
 
-TEST(FaceFinder, PlacesInATurnedImageAreThoseOfTheImage) {
+TEST(FaceFinder, RolledSearchReturnsImageCoordinates) {
   cv::Mat image(400, 620, CV_8UC1, cv::Scalar(20));
   const cv::Point2d spot(451, 133);
   cv::circle(image, spot, 12, cv::Scalar(250), cv::FILLED);
@@ -147,7 +147,7 @@ TEST(FaceFinder, PlacesInATurnedImageAreThoseOfTheImage) {
 }
 
 // Nothing is detected in the repeated border of the rotated image.
-TEST(FaceFinder, MiddlesOfRolledFacesAreInTheImage) {
+TEST(FaceFinder, RolledFacesHaveTheirCenterInTheImage) {
   cv::Mat image(200, 200, CV_8UC1, cv::Scalar(20));
   image(cv::Rect(196, 90, 4, 20)).setTo(250);
   FaceFinderOptions options;
@@ -155,7 +155,7 @@ TEST(FaceFinder, MiddlesOfRolledFacesAreInTheImage) {
   EXPECT_TRUE(FaceFinder(options).find_rolled(image).empty());
 }
 
-TEST(FaceFinder, StartsAreRolledAsTheirCandidates) {
+TEST(FaceFinder, StartHasTheRollOfTheCandidate) {
   Eigen::Matrix2Xd mean(2, 3);
   mean << -0.5, 0.5, 0, -0.2, -0.2, 0.4;
   BoxModel model;
@@ -174,14 +174,14 @@ TEST(FaceFinder, StartsAreRolledAsTheirCandidates) {
   EXPECT_EQ(start_in_box(model, mean, box, 0), upright);
 }
 
-TEST(FaceFinder, SearchesOfRolledFacesAreNamed) {
+TEST(FaceFinder, RolledSearchNamesRoundTrip) {
   for (const RolledSearch search :
        {RolledSearch::kNever, RolledSearch::kAuto, RolledSearch::kAlways})
     EXPECT_EQ(parse_rolled_search(name_of(search)), search);
   EXPECT_THROW((void)parse_rolled_search("often"), std::invalid_argument);
 }
 
-TEST(FaceFinder, TheTilesOfAVideoTogetherSeeWhatTheWholeSearchSees) {
+TEST(FaceFinder, TilesTogetherFindAllFaces) {
   cv::Mat image = wall({1280, 720});
   const std::vector<cv::Rect2d> faces = {draw_face(image, {400, 380}, 280, 2),
                                          draw_face(image, {900, 300}, 90, 3),
@@ -212,7 +212,7 @@ LandmarkModel trusting_model() {
   return model;
 }
 
-TEST(FaceTracker, ASmallNewFaceIsFoundInBoundedTimeAtBoundedCost) {
+TEST(FaceTracker, FindsSmallNewFaceInBoundedTimeAndCost) {
   const LandmarkModel model = trusting_model();
   for (const cv::Size size : {cv::Size(1920, 1080), cv::Size(3840, 2160)}) {
     const cv::Mat empty = wall(size);
@@ -251,7 +251,7 @@ struct GroupImages {
   int wrong = 0;
 };
 
-TEST(GroupImages, AreFoundWholeByTheModelsThatShip) {
+TEST(GroupImages, ShippedModelsFindTheFaces) {
   const char* data = std::getenv("TARSIER_DATA");
   const std::string folder = std::string(data != nullptr ? data : "") + "/dlib-faces";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no dlib-faces in $TARSIER_DATA";

@@ -206,7 +206,7 @@ class PatchBias : public testing::TestWithParam<PatchMethod> {};
 
 // Windows of held-out faces, sampled from the formula with the point exactly in the middle. A
 // half-pixel error anywhere in training moves the peak off the middle.
-TEST_P(PatchBias, PeaksAreAtThePoints) {
+TEST_P(PatchBias, ResponsePeaksAreUnbiased) {
   for (const double scale : {0.8, 1.7}) {
     const Trained& model = textured(GetParam(), scale);
     Rng rng(5);
@@ -249,7 +249,7 @@ TEST_P(PatchBias, PeaksAreAtThePoints) {
 }
 
 // The same for the whole fit, with its warps and downscaling.
-TEST_P(PatchBias, FitsAreAtThePoints) {
+TEST_P(PatchBias, FitsAreUnbiased) {
   for (const double scale : {0.8, 1.7}) {
     const Trained& model = textured(GetParam(), scale);
     Rng rng(5);
@@ -292,7 +292,7 @@ INSTANTIATE_TEST_SUITE_P(Methods, PatchBias,
                                                                          : "Stochastic";
                          });
 
-TEST(PatchResponse, IsOneOnThePatchItselfAndZeroOnFlatGround) {
+TEST(PatchResponse, IsOneAtThePatchAndZeroOnUniformAreas) {
   Rng rng(3);
   cv::Mat window(21, 25, CV_32FC1);
   for (auto it = window.begin<float>(); it != window.end<float>(); ++it)
@@ -366,7 +366,7 @@ TEST(PatchFit, ConvergesFromAShiftOfATenthOfTheFace) {
   }
 }
 
-TEST(PatchFit, OneHiddenPointDoesNotDragTheOthers) {
+TEST(PatchFit, HiddenPointDoesNotMoveTheOthers) {
   const Trained& model = blobs();
   Rng rng(33);
   TrainingFace face = blob_face(rng, 5);
@@ -385,7 +385,7 @@ TEST(PatchFit, OneHiddenPointDoesNotDragTheOthers) {
   EXPECT_LT(mean_distance(fit.points, face.points), 1);
 }
 
-TEST(PatchFit, StaysFiniteWhereThereIsNothing) {
+TEST(PatchFit, StaysFiniteOnUniformImages) {
   const Trained& model = blobs();
   PatchWorkspace workspace;
   const cv::Mat flat(40, 60, CV_8UC1, cv::Scalar(90));
@@ -432,7 +432,7 @@ TEST(PatchTraining, IsTheSameForAnyNumberOfThreads) {
   cv::setNumThreads(before);
 }
 
-TEST(PatchTraining, StopsAndRefuses) {
+TEST(PatchTraining, CanBeInterruptedAndRejectsInvalidInput) {
   Rng rng(1);
   std::vector<TrainingFace> faces;
   for (int k = 0; k < 4; ++k) faces.push_back(blob_face(rng, 3.0 * k));
@@ -453,7 +453,7 @@ TEST(PatchTraining, StopsAndRefuses) {
   EXPECT_THROW((void)train(faces, shape, small_options()), std::invalid_argument);
 }
 
-TEST(PatchFile, ReadsWhatItWrites) {
+TEST(PatchFile, JsonRoundTrip) {
   const Trained& model = blobs();
   const PatchModels again =
       patch_models_from_json(nlohmann::json::parse(to_json(model.patches).dump()), "m.json");

@@ -26,7 +26,7 @@ double mean_distance(const Eigen::Matrix2Xd& a, const Eigen::Matrix2Xd& b) {
   return (a - b).colwise().norm().mean();
 }
 
-TEST(RegressionNetwork, FindsThePointsOfOtherFaces) {
+TEST(RegressionNetwork, FitsUnseenFaces) {
   TARSIER_LONG_TEST();
   const RegressionNetwork model = train(testing::blob_faces(40, 7), 90);
   const std::vector<TrainingFace> others = testing::blob_faces(20, 99);
@@ -43,7 +43,7 @@ TEST(RegressionNetwork, FindsThePointsOfOtherFaces) {
 }
 
 // The result depends on the position of the start, not on its shape.
-TEST(RegressionNetwork, LooksOnlyAtWhereTheStartLies) {
+TEST(RegressionNetwork, UsesOnlyTheSimilarityOfTheStart) {
   const std::vector<TrainingFace> faces = testing::blob_faces(6, 3);
   const RegressionNetwork model = train(faces, 2);
   RegressionNetworkWorkspace workspace;
@@ -64,7 +64,7 @@ TEST(RegressionNetwork, IsTheSameForAnyNumberOfThreads) {
   EXPECT_EQ(one, four);
 }
 
-TEST(RegressionNetwork, IsReadAsItWasWritten) {
+TEST(RegressionNetwork, JsonRoundTrip) {
   const std::vector<TrainingFace> faces = testing::blob_faces(6, 3);
   const RegressionNetwork model = train(faces, 2);
   const nlohmann::json written = to_json(model);
@@ -78,7 +78,7 @@ TEST(RegressionNetwork, IsReadAsItWasWritten) {
   EXPECT_THROW((void)regression_network_from_json(broken, "file"), ModelError);
 }
 
-TEST(RegressionNetwork, RefusesWhatDoesNotFit) {
+TEST(RegressionNetwork, RejectsInvalidInput) {
   const std::vector<TrainingFace> faces = testing::blob_faces(6, 3);
   EXPECT_THROW((void)train({faces.front()}, 2), std::invalid_argument);
   const RegressionNetwork model = train(faces, 2);
@@ -91,7 +91,7 @@ TEST(RegressionNetwork, RefusesWhatDoesNotFit) {
 }
 
 // The mean of all parts moves towards the network, more if trees and descent disagree more.
-TEST(RegressionNetwork, IsAPartOfTheMean) {
+TEST(RegressionNetwork, IsIncludedInTheMeanOfTheMethods) {
   const std::vector<TrainingFace> faces = testing::blob_faces(20, 5);
   LandmarkModel model;
   NoProgress silent;

@@ -40,7 +40,7 @@ std::string with_tensor(const std::string& one) {
                  {form("out", {1, 3, 16, 16})});
 }
 
-TEST(NetworkFile, TellsWhatIsInIt) {
+TEST(NetworkFile, ReportsInputsOutputsAndSizes) {
   const std::string bytes =
       network({node("Conv", {"data", "w"}, "out", attribute("strides", {2, 2}))},
               {tensor("w", {2, 3, 1, 1}, std::vector<float>(6, 1))},
@@ -57,7 +57,7 @@ TEST(NetworkFile, TellsWhatIsInIt) {
 }
 
 // A truncated file is always reported as such.
-TEST(NetworkFile, RefusesEveryPartOfAFile) {
+TEST(NetworkFile, RejectsTruncatedFiles) {
   const std::string whole = means_of_fields();
   int refused = 0;
   for (std::size_t size = 0; size < whole.size(); ++size)
@@ -101,7 +101,7 @@ TEST(NetworkFile, RefusesWithTheReason) {
       HasSubstr("another file"));
 }
 
-TEST(InputForm, ReadsItsLines) {
+TEST(InputForm, ParsesAllKeys) {
   const InputForm form = parse_input_form(
       "# how it takes its image\n licence : Apache-2.0 \nsize: 112x96\nmean: 127.5\nscale: "
       "0.0078125\n",

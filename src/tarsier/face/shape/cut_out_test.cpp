@@ -42,7 +42,7 @@ LandmarkSample triangle() {
   return sample;
 }
 
-TEST(CutOut, PointsStayOnTheirPixelsHoweverMuchIsReduced) {
+TEST(CutOut, PointsKeepTheirPixelsAtAnyReduction) {
   const LandmarkSample sample = triangle();
   for (const int largest : {400, 60, 37, 11}) {
     const CutOut cut = cut_out(places(320, 240), sample, 0.5, largest);
@@ -69,14 +69,14 @@ TEST(CutOut, KeepsTheMarginAndNeverEnlarges) {
   EXPECT_NEAR(extent.maxCoeff(), 20, 0.2);
 }
 
-TEST(CutOut, PointsOutsideTheImageLeaveTheWholeOfIt) {
+TEST(CutOut, PointsOutsideTheImageKeepTheWholeImage) {
   LandmarkSample sample = triangle();
   sample.points.array() += 1e12;
   const CutOut cut = cut_out(places(32, 24), sample, 0.5, 400);
   EXPECT_EQ(cut.image.size(), cv::Size(32, 24));
 }
 
-TEST(CutOut, MirroredPointsLieOnWhatTheyMark) {
+TEST(CutOut, MirroredPointsKeepTheirPixels) {
   const LandmarkSample sample = triangle();
   const CutOut cut = cut_out(places(320, 240), sample, 0.5, 60);
   const CutOut turned = mirrored(cut, {1, 0, 2}, 0);
