@@ -58,7 +58,7 @@ TARSIER_FUZZ_TARGET(hog_detector, kJson) {
 TARSIER_FUZZ_TARGET(face_networks, kJson) {
   const face::FaceNetworks networks = face::read_face_networks(file_of(input, "model.json"));
   face::FaceSearchWorkspace workspace;
-  (void)face::search_faces(image(), networks, {.min_face = 16, .max_places = 20}, workspace);
+  (void)face::search_faces(image(), networks, {.min_face = 16, .max_candidates = 20}, workspace);
 }
 
 TARSIER_FUZZ_TARGET(anchor_detector, kJson) {

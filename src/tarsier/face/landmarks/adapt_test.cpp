@@ -125,11 +125,11 @@ TEST_F(AdaptTest, ChoosesRidgeByCrossValidation) {
   options.choices = {0.1, 10};
   options.starts = 8;
   const AdaptedModel adapted = adapt_landmark_model(base_, person_set(4), "", options, silent_, {});
-  EXPECT_TRUE(adapted.chosen);
-  EXPECT_FALSE(adapted.kept);
+  EXPECT_TRUE(adapted.ridge_chosen);
+  EXPECT_FALSE(adapted.base_kept);
   EXPECT_EQ(adapted.faces, 4);
-  EXPECT_GT(adapted.before, 0.03);
-  EXPECT_LT(adapted.after, 0.75 * adapted.before);
+  EXPECT_GT(adapted.base_error, 0.03);
+  EXPECT_LT(adapted.adapted_error, 0.75 * adapted.base_error);
   const std::vector<TrainingFace> others = person_faces(8, 50);
   EXPECT_LT(error_of(adapted.model, FitMethod::kMean, others),
             0.75 * error_of(base_, FitMethod::kMean, others));
@@ -148,7 +148,7 @@ TEST_F(AdaptTest, KeepsTheBaseWithoutImprovement) {
   options.choices = {0.03};
   options.starts = 8;
   const AdaptedModel adapted = adapt_landmark_model(base_, set, "", options, silent_, {});
-  EXPECT_TRUE(adapted.kept);
+  EXPECT_TRUE(adapted.base_kept);
   EXPECT_EQ(adapted.model.descent->stages[0].weights, base_.descent->stages[0].weights);
 }
 

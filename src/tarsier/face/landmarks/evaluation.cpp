@@ -20,8 +20,8 @@ double error_of(const FitOutcome& outcome) {
 
 }  // namespace
 
-FitOutcome judge(const std::optional<Eigen::Matrix2Xd>& fitted, const Eigen::Matrix2Xd& truth,
-                 const std::array<int, 2>& eyes) {
+FitOutcome evaluate_fit(const std::optional<Eigen::Matrix2Xd>& fitted,
+                        const Eigen::Matrix2Xd& truth, const std::array<int, 2>& eyes) {
   for (const int eye : eyes) {
     TARSIER_REQUIRE(eye >= 0 && eye < truth.cols(), "eye {} of {} points", eye, truth.cols());
   }

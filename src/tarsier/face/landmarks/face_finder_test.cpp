@@ -80,7 +80,7 @@ TEST(FaceFinder, FindsAFaceOf40PixelsIn1080p) {
   EXPECT_EQ(found_of({face}, finder.find(image)), 1);
   if (!has_cascades()) GTEST_SKIP() << "opencv-data is not installed";
   FaceFinder cascades;
-  EXPECT_EQ(found_of({face}, cascades.find_sure(image)), 1);
+  EXPECT_EQ(found_of({face}, cascades.find_confident(image)), 1);
 }
 
 TEST(FaceFinder, FindsFacesOf24PixelsOnRequest) {
@@ -121,7 +121,7 @@ TEST(FaceFinder, RolledSearchReturnsImageCoordinates) {
   const cv::Point2d spot(451, 133);
   cv::circle(image, spot, 12, cv::Scalar(250), cv::FILLED);
   FaceFinderOptions options;
-  options.own = std::make_shared<SeesABrightSpot>(60);
+  options.external_detector = std::make_shared<SeesABrightSpot>(60);
   FaceFinder finder(options);
   const cv::Rect part(300, 40, 300, 250);
   for (const double degrees : {-90, -40, 0, 17, 45, 90}) {
@@ -151,7 +151,7 @@ TEST(FaceFinder, RolledFacesHaveTheirCenterInTheImage) {
   cv::Mat image(200, 200, CV_8UC1, cv::Scalar(20));
   image(cv::Rect(196, 90, 4, 20)).setTo(250);
   FaceFinderOptions options;
-  options.own = std::make_shared<SeesABrightSpot>(60);
+  options.external_detector = std::make_shared<SeesABrightSpot>(60);
   EXPECT_TRUE(FaceFinder(options).find_rolled(image).empty());
 }
 
@@ -263,7 +263,7 @@ TEST(GroupImages, ShippedModelsFindTheFaces) {
        shape::read_dlib_boxes(folder + "/training_with_face_landmarks.xml").images) {
     const cv::Mat gray = read_gray_image(image.image);
     std::vector<Candidate> faces;
-    for (const FoundFace& face : find_faces(model, {}, gray, finder, workspace)) {
+    for (const FittedFace& face : find_faces(model, {}, gray, finder, workspace)) {
       faces.push_back({face.box, true});
     }
     const int found = found_of(image.boxes, faces);

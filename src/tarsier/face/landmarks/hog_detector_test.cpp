@@ -122,7 +122,7 @@ TEST_F(HogDetectorTest, LearnsTheBoxModel) {
   model.box = {0.5, 0.5, 0.9, 1};
   FaceFinder finder(detector, {});
   const cv::Mat gray = read_gray_image(images_[2].image);
-  const std::vector<Candidate> candidates = finder.find_sure(gray);
+  const std::vector<Candidate> candidates = finder.find_confident(gray);
   ASSERT_EQ(candidates.size(), 1U);
   const Eigen::Matrix2Xd start = start_at(model, finder, candidates[0]);
   const Eigen::Matrix2Xd& truth = images_[2].shapes[0];

@@ -103,7 +103,7 @@ void normalised_patches(const float* window, int side, int patch, Rows& rows) {
 struct Trainer {
   const std::vector<Source>& sources;
   const PatchOptions& options;
-  Eigen::VectorXf wished;
+  Eigen::VectorXf desired;
   const std::stop_token& stop;
 
   [[nodiscard]] int window() const { return options.patch + options.search - 1; }
@@ -135,7 +135,7 @@ Eigen::VectorXd Trainer::stochastic(Eigen::Index point) const {
         static_cast<std::size_t>(rng.integer(0, static_cast<int>(sources.size()) - 1));
     cut_window(sources[pick], point, window(), cut.data());
     normalised_patches(cut.data(), window(), options.patch, rows);
-    const Eigen::VectorXf error = rows * patch - wished;
+    const Eigen::VectorXf error = rows * patch - desired;
     patch *= static_cast<float>(1 - step * weight);
     patch.noalias() -= static_cast<float>(step) * (rows.transpose() * error);
   }
@@ -156,7 +156,7 @@ Eigen::VectorXd Trainer::ridge(Eigen::Index point) const {
     part.setZero();
     part.selfadjointView<Eigen::Lower>().rankUpdate(rows.transpose());
     normal.triangularView<Eigen::Lower>() += part.cast<double>();
-    right += (rows.transpose() * wished).cast<double>();
+    right += (rows.transpose() * desired).cast<double>();
   }
   normal.diagonal().array() +=
       std::max(options.lambda, 1e-12) * normal.trace() / static_cast<double>(taps()) + 1e-12;
@@ -177,18 +177,18 @@ Eigen::VectorXd Trainer::average(Eigen::Index point) const {
 }
 
 // The desired response: a Gaussian around the middle.
-Eigen::VectorXf wished_response(const PatchOptions& options) {
+Eigen::VectorXf desired_response(const PatchOptions& options) {
   const int half = options.search / 2;
-  Eigen::VectorXf wished(static_cast<Eigen::Index>(options.search) * options.search);
-  Eigen::Index place = 0;
+  Eigen::VectorXf desired(static_cast<Eigen::Index>(options.search) * options.search);
+  Eigen::Index index = 0;
   for (int y = -half; y <= half; ++y)
     for (int x = -half; x <= half; ++x)
-      wished[place++] = static_cast<float>(std::exp(-(x * x + y * y) / (2 * options.variance)));
-  return wished;
+      desired[index++] = static_cast<float>(std::exp(-(x * x + y * y) / (2 * options.variance)));
+  return desired;
 }
 
 // Mean 0, norm 1. A patch without training signal (flat images) stays 0 and gives no response.
-cv::Mat finished(Eigen::VectorXd patch, int side) {
+cv::Mat normalised_patch(Eigen::VectorXd patch, int side) {
   patch.array() -= patch.mean();
   const double norm = patch.norm();
   if (norm > 1e-12) patch /= norm;
@@ -272,7 +272,7 @@ PatchModels train_patches(const std::vector<TrainingFace>& faces, const shape::S
     sources[k] = source_of(faces[k], model.reference, options.patch + options.search);
   });
 
-  const Trainer trainer{sources, options, wished_response(options), stop};
+  const Trainer trainer{sources, options, desired_response(options), stop};
   progress.begin("patches", shape.points(), "points");
   in_parallel(shape.points(), stop, [&](int i) {
     Eigen::VectorXd patch;
@@ -287,7 +287,7 @@ PatchModels train_patches(const std::vector<TrainingFace>& faces, const shape::S
         patch = trainer.average(i);
         break;
     }
-    model.patches[static_cast<std::size_t>(i)] = finished(std::move(patch), options.patch);
+    model.patches[static_cast<std::size_t>(i)] = normalised_patch(std::move(patch), options.patch);
     progress.advance();
   });
   progress.end();

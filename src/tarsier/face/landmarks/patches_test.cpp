@@ -305,12 +305,12 @@ TEST(PatchResponse, IsOneAtThePatchAndZeroOnUniformAreas) {
   const cv::Mat response = patch_response(patch, window);
   EXPECT_EQ(response.size(), cv::Size(19, 15));
   EXPECT_NEAR(response.at<float>(5, 12), 1, 1e-5);
-  double least = 0;
-  double most = 0;
+  double min_response = 0;
+  double max_response = 0;
   cv::Point at;
-  cv::minMaxLoc(response, &least, &most, nullptr, &at);
+  cv::minMaxLoc(response, &min_response, &max_response, nullptr, &at);
   EXPECT_EQ(at, cv::Point(12, 5));
-  EXPECT_GE(least, -1);
+  EXPECT_GE(min_response, -1);
   // Compares one position with the direct definition.
   cv::Mat part;
   cv::log(window(cv::Rect(3, 2, 7, 7)) + 1, part);

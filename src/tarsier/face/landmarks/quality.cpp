@@ -18,7 +18,7 @@ namespace {
 constexpr double kGood = 0.02;  // error, share of the shape's size
 constexpr double kBad = 0.20;
 
-float worth(double error) {
+float target_quality(double error) {
   return static_cast<float>(std::clamp((kBad - error) / (kBad - kGood), 0.0, 1.0));
 }
 
@@ -85,7 +85,7 @@ Quality train_quality(const std::vector<TrainingFace>& faces, const std::vector<
       features_at(model, face.gray, fit.points, workspace, features.row(i));
       const double error =
           (fit.points - face.points).colwise().norm().mean() / shape_size(face.points);
-      targets.row(i)[0] = worth(error);
+      targets.row(i)[0] = target_quality(error);
     }
   });
   throw_if_stopped(stop);

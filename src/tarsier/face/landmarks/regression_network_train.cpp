@@ -45,7 +45,7 @@ linalg::Network untrained(int points) {
 }
 
 // Changes light and sharpness like another camera.
-void change_look(cv::Mat& gray, Rng& rng) {
+void change_lighting(cv::Mat& gray, Rng& rng) {
   if (rng.uniform() < 0.5) {
     const double gamma = std::exp(rng.normal(0, 0.35));
     std::array<std::uint8_t, 256> table{};
@@ -88,7 +88,7 @@ void make_example(const std::vector<TrainingFace>& faces, std::size_t f,
     const auto other = (f + static_cast<std::size_t>(rng.integer(1, others))) % faces.size();
     (void)draw_occlusion(gray, face.points, faces[other].gray, rng);
   }
-  change_look(gray, rng);
+  change_lighting(gray, rng);
   const Eigen::Matrix2Xd start = scattered_start(mean, face, rng);
   face_input(mean, gray, start, kNetworkSide, kNetworkScale, input);
   example.shape = {1, kNetworkSide, kNetworkSide};

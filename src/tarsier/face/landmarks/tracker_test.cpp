@@ -64,10 +64,10 @@ class BoxBeside final : public BoxDetector {
   double score_ = 0;
 };
 
-std::vector<FoundFace> found_by_box(const LandmarkModel& model, const cv::Mat& gray,
-                                    const Eigen::Matrix2Xd& truth, double shift, double score) {
+std::vector<FittedFace> found_by_box(const LandmarkModel& model, const cv::Mat& gray,
+                                     const Eigen::Matrix2Xd& truth, double shift, double score) {
   FaceFinderOptions options;
-  options.own = std::make_shared<BoxBeside>(truth, shift, score);
+  options.external_detector = std::make_shared<BoxBeside>(truth, shift, score);
   FaceFinder finder(options);
   FitWorkspace workspace;
   return find_faces(model, {}, gray, finder, workspace);
@@ -79,7 +79,7 @@ TEST(FindFaces, ShiftedBoxIsEnoughForAConfidentDetection) {
       (testing::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(150, 90);
   const cv::Mat gray = testing::draw_blobs(truth, 28, {320, 180}, rng);
   for (const double shift : {0.0, 30.0, -30.0}) {
-    const std::vector<FoundFace> faces = found_by_box(blob_model(), gray, truth, shift, 0.9);
+    const std::vector<FittedFace> faces = found_by_box(blob_model(), gray, truth, shift, 0.9);
     ASSERT_EQ(faces.size(), 1U) << shift;
     EXPECT_LT((faces[0].fit.points - truth).colwise().norm().mean(), 1.5) << shift;
     EXPECT_GT(faces[0].fit.score, 0.5) << shift;
@@ -94,7 +94,7 @@ TEST(FindFaces, RejectsConfidentDetectionWithBadFit) {
       (testing::blob_shape(0) * 28).colwise() + Eigen::Vector2d(150, 90);
   const cv::Mat nothing(180, 320, CV_8UC1, cv::Scalar(70));
   LandmarkModel model = blob_model();
-  const std::vector<FoundFace> kept = found_by_box(model, nothing, somewhere, 0, 0.99);
+  const std::vector<FittedFace> kept = found_by_box(model, nothing, somewhere, 0, 0.99);
   ASSERT_EQ(kept.size(), 1U);
   EXPECT_LT(kept[0].fit.score, 0.4);
   // The same with a final score below 0.1.
@@ -205,12 +205,12 @@ TEST(BoxModel, IsTheMedianOverCorrectBoxes) {
   EXPECT_NEAR(back.y, 60, 1e-9);
 }
 
-TEST(Steady, ReducesNoiseAtRestAndFollowsMotion) {
+TEST(AlphaBetaFilter, ReducesNoiseAtRestAndFollowsMotion) {
   Rng rng(1);
-  const SteadyOptions options;
+  const AlphaBetaFilterOptions options;
   const double unit = 100;
-  Steady at_rest;
-  Steady moving;
+  AlphaBetaFilter at_rest;
+  AlphaBetaFilter moving;
   double raw = 0;
   double calm = 0;
   double lag = 0;

@@ -64,10 +64,10 @@ struct VisibilityOptions {
 // Accuracy of visibility and sigma on held-out faces. Counts of points.
 struct VisibilityScore {
   int hidden = 0;
-  int hidden_found = 0;  // hidden and flagged (Visibility::hidden())
-  int seen = 0;
-  int seen_flagged = 0;  // visible but flagged
-  int within = 0;        // of all points: at most sigma from the true position
+  int hidden_flagged = 0;  // hidden and flagged (Visibility::hidden())
+  int visible = 0;
+  int visible_flagged = 0;  // visible but flagged
+  int within = 0;           // of all points: at most sigma from the true position
   // `hidden`: ground truth, one flag per point; points 2 x n, px. Throws std::invalid_argument for
   // other sizes.
   void add(const Visibility& visibility, const Eigen::Matrix2Xd& fitted,

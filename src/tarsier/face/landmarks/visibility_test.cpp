@@ -65,7 +65,7 @@ TEST(Visibility, DetectsHiddenPointsOnUnseenFaces) {
   const std::vector<TrainingFace> others = testing::blob_faces(40, 99);
   VisibilityScore score;
   double of_hidden = 0;
-  double of_seen = 0;
+  double of_visible = 0;
   VisibilityWorkspace workspace;
   DescentWorkspace fitting;
   Rng rng(3);
@@ -77,10 +77,10 @@ TEST(Visibility, DetectsHiddenPointsOnUnseenFaces) {
     const Visibility visibility = visibility_of(model, gray, fit, workspace);
     score.add(visibility, fit, others[f].points, hidden);
     for (std::size_t p = 0; p < hidden.size(); ++p)
-      (hidden[p] ? of_hidden : of_seen) += visibility.visible[static_cast<Eigen::Index>(p)];
+      (hidden[p] ? of_hidden : of_visible) += visibility.visible[static_cast<Eigen::Index>(p)];
   }
   EXPECT_LT(of_hidden / score.hidden, 0.65);
-  EXPECT_GT(of_seen / score.seen, 0.85);
+  EXPECT_GT(of_visible / score.visible, 0.85);
   EXPECT_NEAR(score.coverage(), 0.68, 0.25);
 }
 
@@ -125,8 +125,8 @@ TEST(Visibility, ScoreComparesWithGroundTruth) {
   VisibilityScore score;
   score.add(visibility, fitted, truth, {true, true, false, false});
   EXPECT_EQ(score.hidden, 2);
-  EXPECT_EQ(score.hidden_found, 1);
-  EXPECT_EQ(score.seen_flagged, 1);
+  EXPECT_EQ(score.hidden_flagged, 1);
+  EXPECT_EQ(score.visible_flagged, 1);
   EXPECT_DOUBLE_EQ(score.recall(), 0.5);
   EXPECT_DOUBLE_EQ(score.precision(), 0.5);
   EXPECT_DOUBLE_EQ(score.coverage(), 0.75);

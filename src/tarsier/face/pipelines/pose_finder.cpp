@@ -177,7 +177,7 @@ std::vector<PosedFace> PoseFinder::find(const cv::Mat& gray, const geometry::Cam
                                         landmarks::FitWorkspace& workspace, double min_score,
                                         DebugSink* debug) const {
   std::vector<PosedFace> faces;
-  for (landmarks::FoundFace& found :
+  for (landmarks::FittedFace& found :
        landmarks::find_faces(*landmarks_, fit_, gray, finder, workspace, kHopeless, debug)) {
     const double first = found.fit.score;
     landmarks::TrackedFace start;
