@@ -40,7 +40,7 @@ TEST(AngleSigma, RotationCovarianceInvertsAngleCovariance) {
     Eigen::Matrix3d root;
     for (Eigen::Index i = 0; i < 9; ++i) root.data()[i] = 0.1 * rng.normal();
     const Eigen::Matrix3d turn = root * root.transpose();
-    const Eigen::Matrix3d again = turn_covariance(angles, angle_covariance(angles, turn));
+    const Eigen::Matrix3d again = rotation_covariance(angles, angle_covariance(angles, turn));
     EXPECT_LT((again - turn).norm(), 1e-9 * turn.norm());
   }
 }

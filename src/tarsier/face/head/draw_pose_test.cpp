@@ -46,7 +46,7 @@ TEST(DrawPose, ClipsBehindTheCamera) {
   draw_head(image, testing_camera(), {Eigen::Matrix3d::Identity(), {0, 0, -500}}, model,
             model.mean);
   EXPECT_EQ(changed(image), 0);
-  // Around the camera: parts of it, no trouble.
+  // Around the camera: parts of it, no error.
   draw_box(image, testing_camera(), {Eigen::Matrix3d::Identity(), {1, 2, 0}}, {-90, -90, -90},
            {90, 90, 900});
   draw_axes(image, testing_camera(), {Eigen::Matrix3d::Identity(), {1, 2, 3}}, {1e6, 10, -50});

@@ -54,14 +54,14 @@ TEST(PoseEvaluation, ComputesAngleAndTranslationErrors) {
   pairs[0].true_translation = Eigen::Vector3d(0, 0, 500);
   const PoseScore score = score_poses(pairs, 4);
   EXPECT_EQ(score.truths, 4);
-  EXPECT_EQ(score.answered, 3);
+  EXPECT_EQ(score.with_pose, 3);
   EXPECT_NEAR(score.yaw_mae_deg, 4.0 / 3, 1e-9);
   EXPECT_NEAR(score.pitch_mae_deg, 20.0 / 3, 1e-9);
   EXPECT_NEAR(score.roll_mae_deg, 2.0 / 3, 1e-9);  // across 180 degrees
   EXPECT_NEAR(score.mean_deg, 26.0 / 3, 1e-6);
   EXPECT_NEAR(score.median_deg, 4, 1e-6);
   EXPECT_NEAR(score.p95_deg, 4 + 0.9 * 16, 1e-6);  // between the ranks, as numpy has it
-  EXPECT_NEAR(score.beyond10, 1.0 / 3, 1e-12);
+  EXPECT_NEAR(score.over_10_deg, 1.0 / 3, 1e-12);
   EXPECT_NEAR(score.translation_mean_mm, 3, 1e-12);
   EXPECT_NEAR(score.translation_percent, 0.6, 1e-12);
 }
@@ -90,7 +90,7 @@ TEST(PoseEvaluation, CountsErrorsWithinOneAndTwoSigmas) {
 
 TEST(PoseEvaluation, NoPosesGiveZeroErrors) {
   const PoseScore score = score_poses({}, 7);
-  EXPECT_EQ(score.answered, 0);
+  EXPECT_EQ(score.with_pose, 0);
   EXPECT_EQ(score.mean_deg, 0);
 }
 
@@ -180,9 +180,9 @@ TEST(Pointing, SubtractsOffsetsAndChecksMonotonicity) {
   outcomes.push_back({"", {1, 0, 30}, false, std::nullopt, std::nullopt});
   const PointingScore score = score_pointing(outcomes);
   EXPECT_EQ(score.images, 7);  // 90 degrees is out of range
-  EXPECT_EQ(score.seen, 6);
-  EXPECT_EQ(score.found, 5);
-  EXPECT_EQ(score.seen_found, 5);
+  EXPECT_EQ(score.detected, 6);
+  EXPECT_EQ(score.with_pose, 5);
+  EXPECT_EQ(score.detected_with_pose, 5);
   EXPECT_NEAR(score.yaw_offset_deg, 5, 1e-9);
   EXPECT_NEAR(score.yaw_mae_deg, (9 + 3 + 0 + 3 + 9) / 5.0, 1e-9);
   EXPECT_NEAR(score.yaw_mae_raw_deg, (14 + 8 + 5 + 2 + 4) / 5.0, 1e-9);

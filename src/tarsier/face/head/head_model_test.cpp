@@ -151,28 +151,28 @@ TEST(HeadModel, SelectedPointsKeepTheShapeCovariance) {
 
 class MappingFile : public FolderTest {
  protected:
-  std::string trouble(const std::string& text) {
+  std::string error_of(const std::string& text) {
     std::ofstream(path("map.txt")) << text;
     return message_of([&] { (void)read_landmark_mapping(path("map.txt"), 25, 73); });
   }
 };
 
 TEST_F(MappingFile, IsReadAndChecked) {
-  EXPECT_EQ(trouble("# nose and others\n0 16\n1 24 # right\n\n22 40\n23 5\n"), "nothing");
+  EXPECT_EQ(error_of("# nose and others\n0 16\n1 24 # right\n\n22 40\n23 5\n"), "nothing");
   const LandmarkMapping mapping = read_landmark_mapping(path("map.txt"), 25, 73);
   EXPECT_THAT(mapping.model_points, ElementsAre(0, 1, 22, 23));
   EXPECT_THAT(mapping.landmarks, ElementsAre(16, 24, 40, 5));
-  EXPECT_THAT(trouble("0 1\n1 2\n2 3\n"), HasSubstr("3 pairs"));
-  EXPECT_THAT(trouble(""), HasSubstr("0 pairs"));
-  EXPECT_THAT(trouble("0 1\n1 2 3\n"), HasSubstr("line 2"));
-  EXPECT_THAT(trouble("0 x\n"), HasSubstr("line 1"));
-  EXPECT_THAT(trouble("0 1.5\n"), HasSubstr("line 1"));
-  EXPECT_THAT(trouble("25 1\n"), HasSubstr("model point 25"));
-  EXPECT_THAT(trouble("2 73\n"), HasSubstr("landmark 73"));
-  EXPECT_THAT(trouble("-1 7\n"), HasSubstr("model point -1"));
-  EXPECT_THAT(trouble("0 7\n0 8\n"), HasSubstr("second time"));
-  EXPECT_THAT(trouble("0 7\n1 7\n"), HasSubstr("second time"));
-  EXPECT_THAT(trouble("99999999999999999999 7\n"), HasSubstr("line 1"));
+  EXPECT_THAT(error_of("0 1\n1 2\n2 3\n"), HasSubstr("3 pairs"));
+  EXPECT_THAT(error_of(""), HasSubstr("0 pairs"));
+  EXPECT_THAT(error_of("0 1\n1 2 3\n"), HasSubstr("line 2"));
+  EXPECT_THAT(error_of("0 x\n"), HasSubstr("line 1"));
+  EXPECT_THAT(error_of("0 1.5\n"), HasSubstr("line 1"));
+  EXPECT_THAT(error_of("25 1\n"), HasSubstr("model point 25"));
+  EXPECT_THAT(error_of("2 73\n"), HasSubstr("landmark 73"));
+  EXPECT_THAT(error_of("-1 7\n"), HasSubstr("model point -1"));
+  EXPECT_THAT(error_of("0 7\n0 8\n"), HasSubstr("second time"));
+  EXPECT_THAT(error_of("0 7\n1 7\n"), HasSubstr("second time"));
+  EXPECT_THAT(error_of("99999999999999999999 7\n"), HasSubstr("line 1"));
 }
 
 }  // namespace

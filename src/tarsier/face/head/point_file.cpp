@@ -17,7 +17,7 @@ namespace tarsier::face::head {
 namespace {
 
 constexpr std::size_t kMaxPoints = 100'000;
-constexpr double kLargest = 1e9;
+constexpr double kMaxValue = 1e9;
 
 std::vector<double> numbers_of(std::string_view line, const std::string& path, int number) {
   std::vector<double> values;
@@ -35,7 +35,7 @@ std::vector<double> numbers_of(std::string_view line, const std::string& path, i
     if (error != std::errc() || stop != word.data() + word.size()) {
       throw InputError(path, fmt::format("line {}: '{}' is no number", number, word.substr(0, 40)));
     }
-    if (!(std::abs(value) <= kLargest)) {
+    if (!(std::abs(value) <= kMaxValue)) {
       throw InputError(
           path, fmt::format("line {}: {} is not finite or beyond 1e9", number, word.substr(0, 40)));
     }

@@ -110,9 +110,9 @@ std::vector<PositStudyRow> run_posit_study(const Eigen::Matrix3Xd& points,
                             180 / std::numbers::pi;
         row.translation_mm += (found.translation - scene.truth.translation).norm();
       }
-      const int answered = std::max(1, options.poses - row.failures);
-      row.rotation_deg /= answered;
-      row.translation_mm /= answered;
+      const int with_pose = std::max(1, options.poses - row.failures);
+      row.rotation_deg /= with_pose;
+      row.translation_mm /= with_pose;
       const auto half = times.begin() + static_cast<std::ptrdiff_t>(times.size() / 2);
       std::nth_element(times.begin(), half, times.end());
       row.us = *half;

@@ -267,7 +267,8 @@ TEST(PositSigma, CoversTheErrorsOfNoisyPoints) {
     ASSERT_TRUE(sigma);
     const Eigen::Array3d off =
         geometry::rotation_vector(truth.rotation * pose.rotation.transpose()).array().abs();
-    within.head<3>() += (off * (180 / std::numbers::pi) <= sigma->turn_deg.array()).cast<double>();
+    within.head<3>() +=
+        (off * (180 / std::numbers::pi) <= sigma->rotation_deg.array()).cast<double>();
     within.tail<3>() +=
         ((truth.translation - pose.translation).array().abs() <= sigma->translation.array())
             .cast<double>();

@@ -113,7 +113,7 @@ std::vector<head::PointingOutcome> PoseEvaluator::pointing(const std::vector<Poi
     }
     const cv::Rect2d head_box = head_box_of(path, image.size());
     for (const landmarks::Candidate& candidate : strict_.find_confident(gray_of(image, gray_)))
-      outcome.face_seen = outcome.face_seen || head_box.contains(middle_of(candidate.box));
+      outcome.face_detected = outcome.face_detected || head_box.contains(middle_of(candidate.box));
     outcomes.push_back(std::move(outcome));
   }
   progress.end();
