@@ -219,7 +219,7 @@ FitResult Fitter::run(const cv::Mat& image, const Matrix2Xd& start, int coarsest
   }
   result.shape.image_from_model =
       shape::fit_similarity(shape::shape_of(model.shape, result.shape.b), result.points);
-  const int folded = shape::folded(model.mesh, model.extended(result.points));
+  const int folded = shape::count_folded(model.mesh, model.extended(result.points));
   result.lost = has_left_crop || result.inside < 0.5 || result.gain <= 0 ||
                 (model.lost_error > 0 && result.error > model.lost_error) ||
                 folded > kMaxFolded * static_cast<double>(model.mesh.size());

@@ -43,7 +43,7 @@ std::vector<shape::Triangle> with_positive_areas(std::vector<shape::Triangle> me
     for (const int corner : triangle)
       TARSIER_REQUIRE(corner >= 0 && corner < points.cols(), "a triangle of point {} of {}", corner,
                       points.cols());
-    if (shape::folded({triangle}, points) > 0) std::swap(triangle[1], triangle[2]);
+    if (shape::count_folded({triangle}, points) > 0) std::swap(triangle[1], triangle[2]);
   }
   return mesh;
 }

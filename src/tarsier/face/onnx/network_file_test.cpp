@@ -26,9 +26,9 @@ std::string reason(const std::string& bytes) {
   return {};
 }
 
-std::string form_reason(std::string_view text) {
+std::string format_reason(std::string_view text) {
   try {
-    (void)parse_input_form(text, "net.onnx.txt");
+    (void)parse_input_format(text, "net.onnx.txt");
   } catch (const ModelError& error) {
     return error.what();
   }
@@ -101,28 +101,28 @@ TEST(NetworkFile, RefusesWithTheReason) {
       HasSubstr("another file"));
 }
 
-TEST(InputForm, ParsesAllKeys) {
-  const InputForm form = parse_input_form(
+TEST(InputFormat, ParsesAllKeys) {
+  const InputFormat format = parse_input_format(
       "# how it takes its image\n licence : Apache-2.0 \nsize: 112x96\nmean: 127.5\nscale: "
       "0.0078125\n",
       "net.onnx.txt");
-  EXPECT_EQ(form.licence, "Apache-2.0");
-  EXPECT_EQ(form.width, 112);
-  EXPECT_EQ(form.height, 96);
-  EXPECT_THAT(form.mean, ElementsAre(127.5));
-  EXPECT_EQ(form.scale, 0.0078125);
-  EXPECT_THAT(parse_input_form("mean: 1 2 3", "").mean, ElementsAre(1, 2, 3));
-  EXPECT_EQ(parse_input_form("", "").width, 0);
+  EXPECT_EQ(format.licence, "Apache-2.0");
+  EXPECT_EQ(format.width, 112);
+  EXPECT_EQ(format.height, 96);
+  EXPECT_THAT(format.mean, ElementsAre(127.5));
+  EXPECT_EQ(format.scale, 0.0078125);
+  EXPECT_THAT(parse_input_format("mean: 1 2 3", "").mean, ElementsAre(1, 2, 3));
+  EXPECT_EQ(parse_input_format("", "").width, 0);
 }
 
-TEST(InputForm, RefusesWithTheLine) {
-  EXPECT_THAT(form_reason("\nsiez: 112"), HasSubstr("net.onnx.txt: line 2: unknown word 'siez'"));
+TEST(InputFormat, RefusesWithTheLine) {
+  EXPECT_THAT(format_reason("\nsiez: 112"), HasSubstr("net.onnx.txt: line 2: unknown word 'siez'"));
   for (const char* text : {"size: 8", "size: 112x", "size: axb", "size: 112x112x3"})
-    EXPECT_THAT(form_reason(text), HasSubstr("size is")) << text;
+    EXPECT_THAT(format_reason(text), HasSubstr("size is")) << text;
   for (const char* text : {"mean:", "mean: 1 2", "mean: 1 2 3 4", "mean: nan", "mean: 1e9"})
-    EXPECT_THAT(form_reason(text), HasSubstr("mean is")) << text;
+    EXPECT_THAT(format_reason(text), HasSubstr("mean is")) << text;
   for (const char* text : {"scale: 0", "scale: -1", "scale: inf"})
-    EXPECT_THAT(form_reason(text), HasSubstr("scale is")) << text;
+    EXPECT_THAT(format_reason(text), HasSubstr("scale is")) << text;
 }
 
 }  // namespace

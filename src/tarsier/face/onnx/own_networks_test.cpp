@@ -61,7 +61,7 @@ TEST(AlignedChip, PutsTheEyesAtTheirAlignedPositions) {
       const cv::Moments moments = cv::moments(chip(half) > 200, true);
       const double scale = side / kAlignedSide;
       EXPECT_NEAR(half.x + moments.m10 / moments.m00,
-                  scale * (kAlignedEyesX + sign * kAlignedEyesApart / 2), 0.5);
+                  scale * (kAlignedEyesX + sign * kAlignedEyeDistance / 2), 0.5);
       EXPECT_NEAR(moments.m01 / moments.m00, scale * kAlignedEyesY, 0.5);
     }
   }

@@ -123,7 +123,7 @@ TEST_F(ViewTrainingTest, OfPointingIsWhereAPersonWasAskedToLook) {
   EXPECT_FALSE(scores.exact);
   ASSERT_TRUE(scores.pointing);
   EXPECT_EQ(scores.pointing->images, 2);
-  EXPECT_EQ(scores.pointing->found, 1);
+  EXPECT_EQ(scores.pointing->with_pose, 1);
 }
 
 TEST_F(ViewTrainingTest, OfAnnotatedFacesNeedsThePointsOfTheLandmarkModel) {

@@ -93,9 +93,9 @@ TEST(Mirrored, MovesPointsAndBoxWithThePixels) {
   EXPECT_EQ(other.points(1, 1), sample.points(1, 0));
   const cv::Rect box = *sample.box;
   const cv::Rect mirrored_box = *other.box;
-  cv::Mat cut;
-  cv::flip(flipped(mirrored_box), cut, 1);
-  EXPECT_EQ(cv::norm(cut, image(box), cv::NORM_INF), 0);
+  cv::Mat crop;
+  cv::flip(flipped(mirrored_box), crop, 1);
+  EXPECT_EQ(cv::norm(crop, image(box), cv::NORM_INF), 0);
 
   const LandmarkSample again = mirrored(other, {1, 0, 2}, 60);
   EXPECT_LT((again.points - sample.points).norm(), 1e-12);

@@ -46,7 +46,7 @@ double hull_area(const Matrix2Xd& points) {
 
 // The guarantees of the header, up to rounding in this test.
 void expect_delaunay(const Matrix2Xd& points, const std::vector<Triangle>& mesh) {
-  EXPECT_EQ(folded(mesh, points), 0);
+  EXPECT_EQ(count_folded(mesh, points), 0);
   EXPECT_TRUE(std::is_sorted(mesh.begin(), mesh.end()));
   double area = 0;
   std::map<std::pair<int, int>, int> edges;
@@ -100,7 +100,7 @@ TEST(Delaunay, TriangulatesGrids) {
       EXPECT_EQ(mesh.size(), 72U);
       expect_delaunay(points, mesh);
     }
-    EXPECT_EQ(folded(mesh, points), 0);
+    EXPECT_EQ(count_folded(mesh, points), 0);
     EXPECT_GE(mesh.size(), 72U);
   }
 }
@@ -147,17 +147,17 @@ TEST(Delaunay, RejectsDegeneratePoints) {
   refused(Matrix2Xd::Ones(2, 5));
 }
 
-TEST(Folded, CountsInvertedTriangles) {
+TEST(CountFolded, CountsInvertedTriangles) {
   Matrix2Xd points(2, 4);
   points << 0, 4, 4, 0, 0, 0, 4, 4;
   const auto mesh = delaunay(points);
   ASSERT_EQ(mesh.size(), 2U);
-  EXPECT_EQ(folded(mesh, points), 0);
+  EXPECT_EQ(count_folded(mesh, points), 0);
   Matrix2Xd mirrored = points;
   mirrored.row(0) *= -1;
-  EXPECT_EQ(folded(mesh, mirrored), 2);
-  EXPECT_EQ(folded(mesh, Matrix2Xd::Zero(2, 4)), 2);
-  EXPECT_THROW((void)folded(mesh, points.leftCols(3)), std::invalid_argument);
+  EXPECT_EQ(count_folded(mesh, mirrored), 2);
+  EXPECT_EQ(count_folded(mesh, Matrix2Xd::Zero(2, 4)), 2);
+  EXPECT_THROW((void)count_folded(mesh, points.leftCols(3)), std::invalid_argument);
 }
 
 }  // namespace

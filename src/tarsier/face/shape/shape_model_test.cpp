@@ -173,9 +173,9 @@ TEST(TrainShapeModel, KeepsTheRequestedVariance) {
   }
   ShapeModelOptions options;
   options.iterations = 1000;
-  const auto modes = [&](double variance, int most) {
+  const auto modes = [&](double variance, int max_modes) {
     options.variance = variance;
-    options.max_modes = most;
+    options.max_modes = max_modes;
     const ShapeModel model = train_shape_model(shapes, options);
     model.check();
     return std::pair(model.mode_count(), model.variance_kept);
@@ -283,22 +283,22 @@ TEST(FitShape, IsALocalMinimum) {
     const double sigmas = k % 2 == 0 ? 1.0 : 0.0;
     Matrix2Xd points = shape_of(model, random_b(rng, model, 2));
     for (Index i = 0; i < points.size(); ++i) points.data()[i] += 0.2 * rng.normal();
-    const Similarity2d place = random_similarity(rng);
-    points = place(points);
+    const Similarity2d similarity = random_similarity(rng);
+    points = similarity(points);
     VectorXd weights;
     if (k % 4 < 2) {
       weights.resize(30);
       for (Index i = 0; i < 30; ++i) weights[i] = rng.uniform(0.1, 1);
     }
     const ShapeFit fit = fit_shape(model, points, weights, sigmas);
-    const double least = weighted_error(model, fit, points, weights);
+    const double min_error = weighted_error(model, fit, points, weights);
     for (int trial = 0; trial < 40; ++trial) {
       ShapeFit other = fit;
       for (Index i = 0; i < other.b.size(); ++i)
         other.b[i] += 0.01 * model.deviation[i] * rng.normal();
       if (sigmas > 0) clamp(model, other.b, sigmas);
       other.image_from_model = fit_similarity(shape_of(model, other.b), points, weights);
-      EXPECT_GE(weighted_error(model, other, points, weights), least * (1 - 1e-9));
+      EXPECT_GE(weighted_error(model, other, points, weights), min_error * (1 - 1e-9));
     }
     if (sigmas > 0) {
       for (Index i = 0; i < fit.b.size(); ++i)
