@@ -212,9 +212,9 @@ void solve_robust(const FitLevel& level, FitWorkspace& w, const MatrixXf& descen
     w.weights[i] = std::sqrt(square);
     w.buffer[static_cast<std::size_t>(i)] = w.weights[i];
   }
-  auto middle = w.buffer.begin() + static_cast<std::ptrdiff_t>(w.buffer.size() / 2);
-  std::nth_element(w.buffer.begin(), middle, w.buffer.end());
-  const float limit = static_cast<float>(kHuberThreshold * 1.4826) * *middle + 1e-12F;
+  auto median = w.buffer.begin() + static_cast<std::ptrdiff_t>(w.buffer.size() / 2);
+  std::nth_element(w.buffer.begin(), median, w.buffer.end());
+  const float limit = static_cast<float>(kHuberThreshold * 1.4826) * *median + 1e-12F;
   for (Index i = 0; i < pixels; ++i)
     w.weights[i] = w.weights[i] <= limit ? 1 : limit / w.weights[i];
   // sqrt(w) J and sqrt(w) e.

@@ -33,8 +33,8 @@ TEST(AppearanceModel, ReconstructsTrainingImages) {
   const Eigen::MatrixXf modes = texture.modes();
   for (const TrainingImage& own : testing::portraits(5, 1)) {
     EXPECT_LT(fit_texture(model, texture, modes, own.image, own.points).error, 0.35);
-    const Eigen::Matrix2Xd off = own.points.colwise() + Eigen::Vector2d(18, -14);
-    EXPECT_GT(fit_texture(model, texture, modes, own.image, off).error,
+    const Eigen::Matrix2Xd displaced = own.points.colwise() + Eigen::Vector2d(18, -14);
+    EXPECT_GT(fit_texture(model, texture, modes, own.image, displaced).error,
               fit_texture(model, texture, modes, own.image, own.points).error);
   }
 }

@@ -201,9 +201,9 @@ double learn_lost_error(const std::vector<TrainingImage>& images, const std::vec
                         const std::stop_token& stop) {
   constexpr std::size_t kMaxTrainingImages = 400;
   constexpr std::size_t kMaxTestImages = 150;
-  constexpr Disturbance kNear{0.1, 8, 0.08};
-  constexpr Disturbance kFar{0.4, 60, 0.8};
-  constexpr double kGood = 0.06;  // share of the widest distance in the shape
+  constexpr Disturbance kSmallDisturbance{0.1, 8, 0.08};
+  constexpr Disturbance kLargeDisturbance{0.4, 60, 0.8};
+  constexpr double kGoodError = 0.06;  // share of the widest distance in the shape
   if (images.size() < 6) return 0;
   auto [learnt, left_out] = split_by_person(images);
   subsample(learnt, kMaxTrainingImages);
@@ -226,8 +226,8 @@ double learn_lost_error(const std::vector<TrainingImage>& images, const std::vec
           shape::fit_similarity(model.shape.mean, image.points)(model.shape.mean);
       for (std::size_t far = 0; far < 2; ++far) {
         StudyItem& item = items[2 * index + far];
-        const Matrix2Xd start =
-            disturbed(mean, far == 1 ? kFar : kNear, seed * 7919 + 2 * index + far);
+        const Matrix2Xd start = disturbed(mean, far == 1 ? kLargeDisturbance : kSmallDisturbance,
+                                          seed * 7919 + 2 * index + far);
         item.detected = true;
         item.fit = fitter.fit(image.image, start, workspace);
         item.error = point_error(item.fit.points, image.points, ends);
@@ -237,7 +237,7 @@ double learn_lost_error(const std::vector<TrainingImage>& images, const std::vec
   });
   progress.end();
   throw_if_stopped(stop);
-  return choose_lost_error(items, kGood);
+  return choose_lost_error(items, kGoodError);
 }
 
 void ConvergenceOptions::check(int points) const {

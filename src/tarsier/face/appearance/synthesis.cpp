@@ -102,11 +102,11 @@ cv::Mat Synthesis::portrait(const VectorXd& b, const VectorXd& c, cv::Size size,
   const Eigen::Vector2d high = all.rowwise().maxCoeff();
   const double scale =
       0.84 * std::min(size.width / (high.x() - low.x()), size.height / (high.y() - low.y()));
-  const Eigen::Vector2d middle(0.5 * (size.width - 1), 0.5 * (size.height - 1));
+  const Eigen::Vector2d center(0.5 * (size.width - 1), 0.5 * (size.height - 1));
   VectorXd whole = VectorXd::Zero(model_->shape.mode_count());
   whole.head(std::min(b.size(), whole.size())) = b.head(std::min(b.size(), whole.size()));
   const Matrix2Xd at = (scale * shape::shape_of(model_->shape, whole)).colwise() +
-                       (middle - scale * 0.5 * (low + high));
+                       (center - scale * 0.5 * (low + high));
   cv::Mat image(size, CV_8UC3, kBackground);
   draw(c, texture_->mean_offset, texture_->mean_gain, at, image);
   if (points != nullptr) *points = at;

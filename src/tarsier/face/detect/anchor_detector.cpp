@@ -72,10 +72,10 @@ linalg::Layer grey_layer(linalg::TensorReader& tensors) {
   layer.pad_x = layer.pad_y = 0;
   layer.bias = tensors.take_vector("conv0/bias", layer.out);
   for (std::size_t o = 0; o < out; ++o)
-    for (std::size_t place = 0; place < 9; ++place)
+    for (std::size_t tap = 0; tap < 9; ++tap)
       for (std::size_t c = 0; c < 3; ++c) {
-        const float weight = from[(place * 3 + c) * out + o];
-        layer.weights[o * 9 + place] += weight;
+        const float weight = from[(tap * 3 + c) * out + o];
+        layer.weights[o * 9 + tap] += weight;
         layer.bias[o] -= weight * kMeanRgb[c] / 255.0F;
       }
   return layer;
@@ -91,8 +91,8 @@ std::vector<float> depthwise_weights(linalg::TensorReader& tensors, const std::s
                                  shape[1], shape[2], shape[3], channels));
   const auto count = static_cast<std::size_t>(channels);
   std::vector<float> out(from.size());
-  for (std::size_t place = 0; place < 9; ++place)
-    for (std::size_t c = 0; c < count; ++c) out[c * 9 + place] = from[place * count + c];
+  for (std::size_t tap = 0; tap < 9; ++tap)
+    for (std::size_t c = 0; c < count; ++c) out[c * 9 + tap] = from[tap * count + c];
   return out;
 }
 
@@ -212,10 +212,10 @@ std::vector<ScoredFace> search_anchors(const cv::Mat& gray, const AnchorDetector
 cv::Rect2d cascade_square(const cv::Rect2d& box) {
   // Medians over the faces of faces68 that both detectors find.
   constexpr double kWidth = 1.0;
-  constexpr double kDown = -0.136;
+  constexpr double kCenterShift = -0.136;
   const double width = kWidth * std::sqrt(box.width * box.height);
   const double x = box.x + box.width / 2;
-  const double y = box.y + box.height / 2 + kDown * width;
+  const double y = box.y + box.height / 2 + kCenterShift * width;
   return {x - width / 2, y - width / 2, width, width};
 }
 

@@ -132,11 +132,11 @@ TEST_F(AnchorFiles, RoundTrip) {
 
 // The real network against the package that it comes from, run in Node: bench/peers/face_boxes.mjs.
 TEST_F(AnchorFiles, MatchesFaceApi) {
-  const char* place = std::getenv("TARSIER_FACE_API");
-  if (place == nullptr || !std::filesystem::exists(std::string(place) + "/model"))
+  const char* folder = std::getenv("TARSIER_FACE_API");
+  if (folder == nullptr || !std::filesystem::exists(std::string(folder) + "/model"))
     GTEST_SKIP() << "needs the npm package @vladmandic/face-api: $TARSIER_FACE_API is its folder";
   if (std::system("node --version >/dev/null 2>&1") != 0) GTEST_SKIP() << "needs node";
-  const std::string package = place;
+  const std::string package = folder;
   const std::string manifest = package + "/model/tiny_face_detector_model-weights_manifest.json";
   const AnchorDetector detector =
       build_anchor_detector(linalg::read_weights_manifest(manifest), manifest);
@@ -144,10 +144,10 @@ TEST_F(AnchorFiles, MatchesFaceApi) {
   // program scales them.
   cv::Mat image(416, 416, CV_8UC1, cv::Scalar(90));
   for (int k = 0; k < 4; ++k) {
-    const cv::Point middle(100 + 210 * (k % 2), 110 + 200 * (k / 2));
+    const cv::Point center(100 + 210 * (k % 2), 110 + 200 * (k / 2));
     const double s = 0.7 + 0.2 * k;
     const auto part = [&](double dx, double dy, double w, double h, int grey) {
-      cv::ellipse(image, middle + cv::Point(cvRound(dx * s), cvRound(dy * s)),
+      cv::ellipse(image, center + cv::Point(cvRound(dx * s), cvRound(dy * s)),
                   cv::Size(cvRound(w * s), cvRound(h * s)), 0, 0, 360, cv::Scalar(grey), -1,
                   cv::LINE_AA);
     };

@@ -290,8 +290,8 @@ TEST(ConfidentScore, MatchesAllowedFalseAlarms) {
     scores.push_back(0.1);  // below the min score: does not count
   }
   for (const double allowed : {200.0, 40.0, 30.0}) {
-    const double sure = choose_confident_score(scores, 0.5, allowed);
-    const double logit = std::log(sure / (1 - sure));
+    const double confident = choose_confident_score(scores, 0.5, allowed);
+    const double logit = std::log(confident / (1 - confident));
     EXPECT_NEAR(logit, 1.5 * std::log(kCount / allowed), 0.02 * logit) << allowed;
   }
   EXPECT_EQ(choose_confident_score(scores, 0.5, 400), 0.5);  // all are allowed

@@ -38,9 +38,9 @@ using training::view_transform;
 using training::ViewOrientation;
 using training::ViewTransform;
 
-constexpr double kLargestFace = 72;   // px; images with larger faces are reduced
-constexpr double kLargestSide = 900;  // px of images without faces
-constexpr int kScanPatch = 64;        // px, training crop of the first network
+constexpr double kMaxFaceWidth = 72;   // px; images with larger faces are reduced
+constexpr double kMaxImageSide = 900;  // px of images without faces
+constexpr int kScanPatch = 64;         // px, training crop of the first network
 constexpr double kFaceWidths[2] = {14.0,
                                    23.5};  // px, widths of faces that the first network must detect
 constexpr double kIgnoredWidths[2] = {9.5, 34.0};  // px, widths for which either answer is accepted
@@ -95,28 +95,28 @@ void label_scan(const Image& image, const ViewTransform& transform, std::vector<
       }
     }
   };
-  const auto inside = [](const cv::Point2d& p, const cv::Point2d& middle, double reach) {
-    return std::abs(p.x - middle.x) < reach && std::abs(p.y - middle.y) < reach;
+  const auto inside = [](const cv::Point2d& p, const cv::Point2d& center, double reach) {
+    return std::abs(p.x - center.x) < reach && std::abs(p.y - center.y) < reach;
   };
   for (const cv::Rect2d& box : image.ignored) {
-    const cv::Point2d middle = transform((box.tl() + box.br()) / 2);
+    const cv::Point2d center = transform((box.tl() + box.br()) / 2);
     each_cell([&](std::size_t i, const cv::Point2d& p) {
-      if (inside(p, middle, 0.7 * transform.scale * box.width)) target[i] = linalg::kIgnoredCell;
+      if (inside(p, center, 0.7 * transform.scale * box.width)) target[i] = linalg::kIgnoredCell;
     });
   }
   for (const cv::Rect2d& box : image.faces) {
-    const cv::Point2d middle = transform((box.tl() + box.br()) / 2);
+    const cv::Point2d center = transform((box.tl() + box.br()) / 2);
     const double width = transform.scale * box.width;
     if (width < kIgnoredWidths[0] || width > kIgnoredWidths[1]) continue;
     const bool fits = width >= kFaceWidths[0] && width <= kFaceWidths[1];
     each_cell([&](std::size_t i, const cv::Point2d& p) {
-      if (fits && inside(p, middle, std::max(0.17 * width, 2.05))) {
+      if (fits && inside(p, center, std::max(0.17 * width, 2.05))) {
         target[i] = 1;
         target[kPlane + i] = 1;
-        target[2 * kPlane + i] = static_cast<float>((middle.x - p.x) / kScanFace);
-        target[3 * kPlane + i] = static_cast<float>((middle.y - p.y) / kScanFace);
+        target[2 * kPlane + i] = static_cast<float>((center.x - p.x) / kScanFace);
+        target[3 * kPlane + i] = static_cast<float>((center.y - p.y) / kScanFace);
         target[4 * kPlane + i] = static_cast<float>(std::log(width / kScanFace));
-      } else if (target[i] == 0 && inside(p, middle, 0.45 * width)) {
+      } else if (target[i] == 0 && inside(p, center, 0.45 * width)) {
         target[i] = linalg::kIgnoredCell;
       }
     });
@@ -211,7 +211,7 @@ void make_window_example(const TrainingData& data,
                          Rng& rng, linalg::Example& example) {
   // Target: label, is the box known, dx, dy, log of the scale.
   example.target.assign(kScanPlanes, 0.0F);
-  const double middle = form.side / 2.0;
+  const double center = form.side / 2.0;
   cv::Mat view;
   const double kind = rng.uniform();
   if (kind < 0.55) {
@@ -242,7 +242,7 @@ void make_window_example(const TrainingData& data,
       }
     }
     const double width = form.box / growth;
-    const cv::Point2d to(middle - dx * width, middle - dy * width);
+    const cv::Point2d to(center - dx * width, center - dy * width);
     const ViewTransform transform =
         view_transform((box.tl() + box.br()) / 2, to, width / box.width, orientation);
     view = view_of_face(data, image, static_cast<std::size_t>(face), transform, form.side, rng);
@@ -250,8 +250,8 @@ void make_window_example(const TrainingData& data,
       if (rng.uniform() < 0.25) {
         occlude_part(view, {to.x - width / 2, to.y - width / 2, width, width}, rng);
       }
-      example.target = {1, 1, static_cast<float>((to.x - middle) / form.box),
-                        static_cast<float>((to.y - middle) / form.box),
+      example.target = {1, 1, static_cast<float>((to.x - center) / form.box),
+                        static_cast<float>((to.y - center) / form.box),
                         static_cast<float>(std::log(width / form.box))};
     }
   } else if (kind < 0.93 && !false_positives.empty()) {
@@ -262,7 +262,7 @@ void make_window_example(const TrainingData& data,
     const double growth = std::exp(rng.normal(0, 0.08));
     const ViewTransform transform =
         view_transform((false_positive.box.tl() + false_positive.box.br()) / 2,
-                       {middle + dx * form.box, middle + dy * form.box},
+                       {center + dx * form.box, center + dy * form.box},
                        form.box / false_positive.box.width * growth, small_orientation(rng));
     view = render_view(data.image(false_positive.image), transform, form.side);
   } else {
@@ -305,11 +305,11 @@ TrainingData load(const std::vector<FaceImage>& images, Progress& progress,
       continue;
     }
     TARSIER_REQUIRE(gray.type() == CV_8UC1, "{}: an image of type {}", from.image, gray.type());
-    double scale = std::min(1.0, kLargestSide / std::max(gray.cols, gray.rows));
+    double scale = std::min(1.0, kMaxImageSide / std::max(gray.cols, gray.rows));
     if (!from.faces.empty()) {
       double smallest = 1e9;
       for (const cv::Rect2d& face : from.faces) smallest = std::min(smallest, face.width);
-      scale = std::min(1.0, kLargestFace / smallest);
+      scale = std::min(1.0, kMaxFaceWidth / smallest);
     }
     const cv::Size size(std::max(8, cvRound(gray.cols * scale)),
                         std::max(8, cvRound(gray.rows * scale)));

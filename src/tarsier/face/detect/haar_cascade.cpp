@@ -122,11 +122,12 @@ std::optional<HaarCascade> HaarCascade::read(const std::string& path) {
 }
 
 RectOffsets HaarCascade::offsets_of(const cv::Rect& rect, bool split) const {
-  const auto place = [&](int x, int y) {
+  const auto offset_at = [&](int x, int y) {
     return y * stride_ + (split ? (x & 1) * (stride_ / 2) + x / 2 : x);
   };
   const cv::Point end = rect.br();
-  return {place(rect.x, rect.y), place(end.x, rect.y), place(rect.x, end.y), place(end.x, end.y)};
+  return {offset_at(rect.x, rect.y), offset_at(end.x, rect.y), offset_at(rect.x, end.y),
+          offset_at(end.x, end.y)};
 }
 
 void HaarCascade::lay_out(int stride) {
@@ -150,10 +151,10 @@ std::vector<float> HaarCascade::scales_between(cv::Size image, double step, cv::
     if (!is_within(exact, image)) break;
     const auto scale = static_cast<float>(factor);
     const cv::Size size = scaled(window_, scale);
-    const double off = std::hypot(min.width - size.width, min.height - size.height);
-    if (nearest == 0 || off < distance) {
+    const double difference = std::hypot(min.width - size.width, min.height - size.height);
+    if (nearest == 0 || difference < distance) {
       nearest = scale;
-      distance = off;
+      distance = difference;
     }
     if (is_within(min, size) && is_within(size, max)) scales.push_back(scale);
   }

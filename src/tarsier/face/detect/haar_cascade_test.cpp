@@ -61,15 +61,15 @@ TEST_P(HaarCascadeTest, FindsTheSameWindowsAsOpenCv) {
   const auto [name, size, step, min, max] = GetParam();
   const std::string path = find_cascade(name);
   if (path.empty()) GTEST_SKIP() << "OpenCV's cascades are not installed (opencv-data)";
-  std::optional<HaarCascade> ours = HaarCascade::read(path);
-  ASSERT_TRUE(ours);
-  cv::CascadeClassifier theirs(path);
+  std::optional<HaarCascade> haar = HaarCascade::read(path);
+  ASSERT_TRUE(haar);
+  cv::CascadeClassifier opencv(path);
   std::size_t windows = 0;
   for (const std::uint64_t seed : {1, 2, 3}) {
     const cv::Mat image = face_like(size, seed);
     std::vector<cv::Rect> expected;
-    theirs.detectMultiScale(image, expected, step, 0, 0, {min, min}, {max, max});
-    std::vector<cv::Rect> found = ours->find(image, step, {min, min}, {max, max});
+    opencv.detectMultiScale(image, expected, step, 0, 0, {min, min}, {max, max});
+    std::vector<cv::Rect> found = haar->find(image, step, {min, min}, {max, max});
     for (cv::Rect& box : found) box &= cv::Rect({}, size);  // rounding may add a pixel
     EXPECT_EQ(sorted(found), sorted(expected)) << "seed " << seed;
     windows += expected.size();

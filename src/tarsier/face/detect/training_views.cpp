@@ -56,10 +56,10 @@ ViewTransform view_transform(const cv::Point2d& center, const cv::Point2d& to, d
 
 ViewTransform random_view(const Image& image, int side, double smallest_scale, bool wide,
                           Rng& rng) {
-  const double least = std::min(
+  const double min_scale = std::min(
       1.0, std::max(smallest_scale,
                     static_cast<double>(side) / std::min(image.size().width, image.size().height)));
-  const double scale = log_uniform(rng, least, std::max(1.0, least));
+  const double scale = log_uniform(rng, min_scale, std::max(1.0, min_scale));
   const double x = rng.uniform(0, image.size().width);
   const double y = rng.uniform(0, image.size().height);
   return view_transform({x, y}, {side / 2.0, side / 2.0}, scale, random_orientation(wide, rng));
@@ -155,14 +155,14 @@ double log_uniform(Rng& rng, double low, double high) {
 
 namespace {
 
-constexpr int kWide = 480;
-constexpr int kHigh = 360;
+constexpr int kDrawingWidth = 480;
+constexpr int kDrawingHeight = 360;
 
 cv::Scalar grey(Rng& rng) { return cv::Scalar(rng.integer(0, 255)); }
 
 cv::Point somewhere(Rng& rng) {
-  const int x = rng.integer(0, kWide - 1);
-  return {x, rng.integer(0, kHigh - 1)};
+  const int x = rng.integer(0, kDrawingWidth - 1);
+  return {x, rng.integer(0, kDrawingHeight - 1)};
 }
 
 void draw_chessboard(cv::Mat& sheet, Rng& rng) {
@@ -279,7 +279,8 @@ void draw_shapes(cv::Mat& sheet, Rng& rng) {
 
 // Shows the sheet in perspective.
 void tilt(cv::Mat& sheet, Rng& rng) {
-  cv::Point2f from[4] = {{0, 0}, {kWide, 0}, {kWide, kHigh}, {0, kHigh}};
+  cv::Point2f from[4] = {
+      {0, 0}, {kDrawingWidth, 0}, {kDrawingWidth, kDrawingHeight}, {0, kDrawingHeight}};
   cv::Point2f to[4];
   for (int k = 0; k < 4; ++k) {
     const double x = rng.uniform(-70, 70);
@@ -299,7 +300,7 @@ cv::Mat draw_without_faces(Rng& rng) {
   using Draw = void (*)(cv::Mat&, Rng&);
   constexpr Draw kKinds[] = {draw_chessboard, draw_gratings, draw_dots,
                              draw_writing,    draw_facade,   draw_shapes};
-  cv::Mat sheet(kHigh, kWide, CV_8UC1, cv::Scalar(128));
+  cv::Mat sheet(kDrawingHeight, kDrawingWidth, CV_8UC1, cv::Scalar(128));
   kKinds[rng.integer(0, 5)](sheet, rng);
   tilt(sheet, rng);
   // Some are partly occluded by other objects.
@@ -308,7 +309,8 @@ cv::Mat draw_without_faces(Rng& rng) {
     kKinds[rng.integer(0, 5)](before, rng);
     const cv::Point corner = somewhere(rng);
     const cv::Rect part =
-        cv::Rect(corner.x / 2, corner.y / 2, kWide / 2, kHigh / 2) & cv::Rect(0, 0, kWide, kHigh);
+        cv::Rect(corner.x / 2, corner.y / 2, kDrawingWidth / 2, kDrawingHeight / 2) &
+        cv::Rect(0, 0, kDrawingWidth, kDrawingHeight);
     before(part).copyTo(sheet(part));
   }
   if (rng.uniform() < 0.5) cv::GaussianBlur(sheet, sheet, {0, 0}, rng.uniform(0.5, 2));

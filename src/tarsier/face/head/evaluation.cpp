@@ -218,13 +218,14 @@ std::optional<PointingName> parse_pointing_name(const std::string& path) {
   const std::string stem = std::filesystem::path(path).stem().string();
   std::string_view rest = stem;
   // Each number with its min and max count of digits; the last two have a sign.
-  const auto number = [&](std::size_t least, std::size_t most, bool is_signed) {
+  const auto number = [&](std::size_t min_digits, std::size_t max_digits, bool is_signed) {
     const std::size_t begin = is_signed && (rest.starts_with('+') || rest.starts_with('-')) ? 1 : 0;
     std::size_t end = begin;
-    while (end < rest.size() && end < begin + most && rest[end] >= '0' && rest[end] <= '9') ++end;
+    while (end < rest.size() && end < begin + max_digits && rest[end] >= '0' && rest[end] <= '9')
+      ++end;
     const std::string_view word = rest.substr(0, end);
     rest.remove_prefix(end);
-    return end >= begin + least && (begin == 1) == is_signed ? to_number(word) : std::nullopt;
+    return end >= begin + min_digits && (begin == 1) == is_signed ? to_number(word) : std::nullopt;
   };
   for (const std::string_view name : {"personne", "personn", "persone", "person"}) {
     if (!rest.starts_with(name)) continue;

@@ -123,12 +123,12 @@ TEST_F(PoseLines, ReadsAllRotationFormats) {
   }
   EXPECT_EQ(lines[1].translation.value(), Eigen::Vector3d(1, 2, 3));
   EXPECT_FALSE(lines[0].sigma_deg);
-  const auto sure =
+  const auto with_sigmas =
       read(R"({"image":"a","faces":[{"yaw":1,"pitch":2,"yaw_sigma_deg":3,"pitch_sigma_deg":4,)"
            R"("roll_sigma_deg":5,"sigma_floor_deg":[2,1,0]}]})");
-  EXPECT_EQ(sure.at(0).sigma_deg.value(), Eigen::Vector3d(3, 4, 5));
-  EXPECT_EQ(sure.at(0).sigma_floor_deg.value(), Eigen::Vector3d(2, 1, 0));
-  EXPECT_EQ(match_poses(sure, sure).at(0).sigma_deg, sure.at(0).sigma_deg);
+  EXPECT_EQ(with_sigmas.at(0).sigma_deg.value(), Eigen::Vector3d(3, 4, 5));
+  EXPECT_EQ(with_sigmas.at(0).sigma_floor_deg.value(), Eigen::Vector3d(2, 1, 0));
+  EXPECT_EQ(match_poses(with_sigmas, with_sigmas).at(0).sigma_deg, with_sigmas.at(0).sigma_deg);
   EXPECT_FALSE(lines[4].rotation);
   EXPECT_EQ(match_poses(lines, lines).size(), 4U);
 }

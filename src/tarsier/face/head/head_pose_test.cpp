@@ -169,9 +169,9 @@ TEST(HeadPose, UncertainPointsGetLessWeight) {
     // A hand hides every third point. All hidden points are moved in the same way, by less than an
     // outlier.
     VectorXd sigma_px = VectorXd::Constant(points.cols(), 1);
-    const Eigen::Vector2d off(rng.normal(0, 6), 6);
+    const Eigen::Vector2d displacement(rng.normal(0, 6), 6);
     for (Eigen::Index i = 0; i < points.cols(); i += 3) {
-      points.col(i) += off;
+      points.col(i) += displacement;
       sigma_px[i] = 9;
     }
     const auto error = [&](const HeadPoseResult& result) {

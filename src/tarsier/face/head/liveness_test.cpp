@@ -37,13 +37,13 @@ Eigen::Matrix3Xd formula_head(double open) {
   for (int i = 0; i < 4; ++i) x.col(27 + i) << 0, 12 * i, -4 - 8 * i;  // bridge to tip: -28
   for (int i = 0; i < 5; ++i) x.col(31 + i) << -14 + 7 * i, 42, -10 - 3 * (2 - std::abs(i - 2));
   for (int eye = 0; eye < 2; ++eye) {
-    const double middle = eye == 0 ? -31 : 31;
+    const double center = eye == 0 ? -31 : 31;
     const double dx[6] = {-14, -5, 5, 14, 5, -5};
     const double dy[6] = {0, -5, -5, 0, 5, 5};
-    for (int k = 0; k < 6; ++k) x.col(36 + 6 * eye + k) << middle + dx[k], open * dy[k], 2;
+    for (int k = 0; k < 6; ++k) x.col(36 + 6 * eye + k) << center + dx[k], open * dy[k], 2;
     for (Eigen::Index k = 0; k < kIris; ++k) {
       const double a = 2 * 3.14159265358979 * static_cast<double>(k) / kIris;
-      x.col(68 + kIris * eye + k) << middle + 5 * std::cos(a), 5 * std::sin(a), 2;
+      x.col(68 + kIris * eye + k) << center + 5 * std::cos(a), 5 * std::sin(a), 2;
     }
   }
   for (int k = 0; k < 20; ++k) {  // mouth

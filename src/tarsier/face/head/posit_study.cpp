@@ -29,10 +29,10 @@ Scene random_scene(const Eigen::Matrix3Xd& points, double noise_px, Rng rng) {
   Scene scene;
   scene.truth.rotation =
       rotation_of_angles({rng.uniform(-45, 45), rng.uniform(-30, 30), rng.uniform(-20, 20)});
-  const double away = rng.uniform(450, 900);
+  const double distance = rng.uniform(450, 900);
   // The centre of the head within an image of 640 x 480.
-  scene.truth.translation = {away * rng.uniform(-160, 160) / kFocal,
-                             away * rng.uniform(-80, 80) / kFocal, away};
+  scene.truth.translation = {distance * rng.uniform(-160, 160) / kFocal,
+                             distance * rng.uniform(-80, 80) / kFocal, distance};
   scene.pixels.resize(2, points.cols());
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
     const Eigen::Vector3d x = scene.truth * points.col(i);

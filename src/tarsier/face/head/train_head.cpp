@@ -301,9 +301,9 @@ void set_median_pitch_to_zero(Trainer& trainer) {
   std::vector<double> pitches;
   for (const View& view : trainer.views)
     pitches.push_back(angles_of_rotation(view.camera.rotation).pitch_deg);
-  const auto middle = pitches.begin() + static_cast<std::ptrdiff_t>(pitches.size() / 2);
-  std::nth_element(pitches.begin(), middle, pitches.end());
-  const Matrix3d rotation = rotation_of_angles({0, *middle, 0});
+  const auto median = pitches.begin() + static_cast<std::ptrdiff_t>(pitches.size() / 2);
+  std::nth_element(pitches.begin(), median, pitches.end());
+  const Matrix3d rotation = rotation_of_angles({0, *median, 0});
   trainer.mean = rotation * trainer.mean;
   for (Index i = 0; i < trainer.n; ++i)
     trainer.modes.middleRows(3 * i, 3) = rotation * trainer.modes.middleRows(3 * i, 3).eval();

@@ -110,9 +110,9 @@ TEST(HeadView, GradientsEncodeTheDirectionOfLines) {
   for (int y = 0; y < kSide; ++y)
     for (int x = 0; x < kSide; ++x) crop.at<std::uint8_t>(y, x) = x % 8 < 4 ? 60 : 160;
   const Eigen::VectorXf upright = gradients_of(crop);
-  const Eigen::Index middle = (3 * kCells + 3) * kOrientations;
-  EXPECT_GT(upright[middle], 0.15F);
-  EXPECT_NEAR(upright.segment(middle + 1, kOrientations - 1).sum(), 0, 1e-6);
+  const Eigen::Index cell_start = (3 * kCells + 3) * kOrientations;
+  EXPECT_GT(upright[cell_start], 0.15F);
+  EXPECT_NEAR(upright.segment(cell_start + 1, kOrientations - 1).sum(), 0, 1e-6);
   // A flat image has no gradients; a factor on the brightness changes little.
   EXPECT_EQ(gradients_of(cv::Mat(kSide, kSide, CV_8UC1, cv::Scalar(99))).norm(), 0);
   const cv::Mat darker = crop / 2;

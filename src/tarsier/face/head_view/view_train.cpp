@@ -35,15 +35,15 @@ Eigen::MatrixXf rounded(Eigen::MatrixXf matrix) {
   return matrix.unaryExpr([](float value) { return rounded_to_half(value); });
 }
 
-// The unit vectors of greatest variance of the columns, whose mean is 0; `wanted` of them, or fewer
+// The unit vectors of greatest variance of the columns, whose mean is 0; `max_count` of them, or fewer
 // if the others have none.
-MatrixXd principal_directions(const MatrixXd& columns, Index wanted) {
+MatrixXd principal_directions(const MatrixXd& columns, Index max_count) {
   const bool few = columns.cols() < columns.rows();
   const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(
       few ? MatrixXd(columns.transpose() * columns) : MatrixXd(columns * columns.transpose()));
   const Index n = eigen.values.size();
   Index count = 0;
-  while (count < std::min(wanted, n) && eigen.values[n - 1 - count] > 1e-9 * eigen.values[n - 1])
+  while (count < std::min(max_count, n) && eigen.values[n - 1 - count] > 1e-9 * eigen.values[n - 1])
     ++count;
   const MatrixXd vectors = eigen.vectors.rightCols(count).rowwise().reverse();
   return few ? MatrixXd((columns * vectors).colwise().normalized()) : vectors;

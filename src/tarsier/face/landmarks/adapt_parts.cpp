@@ -199,8 +199,8 @@ RegressionNetwork adapt_network(const RegressionNetwork& base,
           Eigen::Map<const Eigen::RowVectorXf>(seen.data(), width).cast<double>();
       const shape::Similarity2d mean_from_px =
           shape::fit_similarity(base.mean, start.points).inverse();
-      const Eigen::Matrix2Xd off = mean_from_px(face.points) - mean_from_px(fit);
-      errors.row(i) << off.row(0), off.row(1);
+      const Eigen::Matrix2Xd difference = mean_from_px(face.points) - mean_from_px(fit);
+      errors.row(i) << difference.row(0), difference.row(1);
     }
   });
   throw_if_stopped(stop);

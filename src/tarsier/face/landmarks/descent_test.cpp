@@ -131,8 +131,8 @@ TEST_F(DescentTest, QualitySeparatesGoodFromBadFits) {
     const Eigen::Matrix2Xd& truth = (*faces_)[static_cast<std::size_t>(f)].points;
     fits.push_back({f, truth});
     for (int k = 0; k < 3; ++k) {
-      const Eigen::Vector2d off(rng.normal(0, 25), rng.normal(0, 25));
-      fits.push_back({f, truth.colwise() + off});
+      const Eigen::Vector2d displacement(rng.normal(0, 25), rng.normal(0, 25));
+      fits.push_back({f, truth.colwise() + displacement});
     }
   }
   NoProgress silent;

@@ -43,8 +43,8 @@ cv::Mat wall(cv::Size size) {
   return image + grain;
 }
 
-// Draws a head whose face has a box of `width` px around `middle`; returns the box.
-cv::Rect2d draw_face(cv::Mat& image, cv::Point2d middle, double width, std::uint64_t seed) {
+// Draws a head whose face has a box of `width` px around `position`; returns the box.
+cv::Rect2d draw_face(cv::Mat& image, cv::Point2d position, double width, std::uint64_t seed) {
   const synth::Portrait portrait = synth::render_portrait({480, 360}, 0, seed);
   const cv::Point2d* eyes = portrait.truth.eyes;
   // The box that a detector draws around these eyes.
@@ -55,10 +55,11 @@ cv::Rect2d draw_face(cv::Mat& image, cv::Point2d middle, double width, std::uint
   cv::cvtColor(portrait.image, gray, cv::COLOR_BGR2GRAY);
   const cv::Size size(cvRound(480 * scale), cvRound(360 * scale));
   cv::resize(gray, gray, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
-  const cv::Point at(cvRound(middle.x - center.x * scale), cvRound(middle.y - center.y * scale));
+  const cv::Point at(cvRound(position.x - center.x * scale),
+                     cvRound(position.y - center.y * scale));
   const cv::Rect area = cv::Rect(at, size) & cv::Rect(0, 0, image.cols, image.rows);
   gray(area - at).copyTo(image(area));
-  return {middle.x - width / 2, middle.y - width / 2, width, width};
+  return {position.x - width / 2, position.y - width / 2, width, width};
 }
 
 int found_of(const std::vector<cv::Rect2d>& truth, const std::vector<Candidate>& candidates) {
@@ -110,8 +111,8 @@ struct SeesABrightSpot final : BoxDetector {
   [[nodiscard]] std::vector<ScoredFace> find(const cv::Mat& gray) const override {
     const cv::Moments moments = cv::moments(gray > 100, true);
     if (moments.m00 == 0) return {};
-    const cv::Point2d middle(moments.m10 / moments.m00 + 0.5, moments.m01 / moments.m00 + 0.5);
-    return {{{middle.x - width / 2, middle.y - width / 2, width, width}, 0.9}};
+    const cv::Point2d center(moments.m10 / moments.m00 + 0.5, moments.m01 / moments.m00 + 0.5);
+    return {{{center.x - width / 2, center.y - width / 2, width, width}, 0.9}};
   }
   double width;
 };
@@ -165,11 +166,11 @@ TEST(FaceFinder, StartHasTheRollOfTheCandidate) {
   const cv::Rect2d box(10, 20, 100, 100);
   const Eigen::Matrix2Xd upright = start_in_box(model, mean, box);
   const Eigen::Matrix2Xd rolled = start_in_box(model, mean, box, CV_PI / 2);
-  const Eigen::Vector2d middle(59.5, 69.5);
+  const Eigen::Vector2d center(59.5, 69.5);
   for (int i = 0; i < 3; ++i) {
-    const Eigen::Vector2d from = upright.col(i) - middle;
-    EXPECT_NEAR(rolled(0, i), middle.x() - from.y(), 1e-9);  // clockwise, y points down
-    EXPECT_NEAR(rolled(1, i), middle.y() + from.x(), 1e-9);
+    const Eigen::Vector2d from = upright.col(i) - center;
+    EXPECT_NEAR(rolled(0, i), center.x() - from.y(), 1e-9);  // clockwise, y points down
+    EXPECT_NEAR(rolled(1, i), center.y() + from.x(), 1e-9);
   }
   EXPECT_EQ(start_in_box(model, mean, box, 0), upright);
 }

@@ -23,8 +23,8 @@ constexpr int kMinWindow = 16;
 constexpr int kMaxWindow = 400;
 constexpr double kMaxEnlarged = 4;
 constexpr double kMaxPixels = 2e6;
-constexpr std::size_t kMaxPlaces = 4000;
-constexpr std::size_t kMaxFound = 200;
+constexpr std::size_t kMaxCandidates = 4000;
+constexpr std::size_t kMaxDetections = 200;
 
 }  // namespace
 
@@ -76,15 +76,15 @@ struct HogFinder::Impl {
   // Best first. Bounds the work even if a model's threshold is very low.
   std::vector<std::pair<double, dlib::rectangle>> detect(double margin) {
     scanner.load(resized);
-    std::vector<std::pair<double, dlib::rectangle>> places;
-    scanner.detect(filters, places, model.threshold - margin);
-    places.resize(std::min(places.size(), kMaxPlaces));
+    std::vector<std::pair<double, dlib::rectangle>> candidates;
+    scanner.detect(filters, candidates, model.threshold - margin);
+    candidates.resize(std::min(candidates.size(), kMaxCandidates));
     std::vector<std::pair<double, dlib::rectangle>> kept;
-    for (const auto& place : places) {
-      const bool is_taken = std::any_of(kept.begin(), kept.end(), [&](const auto& better) {
-        return overlaps(better.second, place.second);
+    for (const auto& candidate : candidates) {
+      const bool is_suppressed = std::any_of(kept.begin(), kept.end(), [&](const auto& better) {
+        return overlaps(better.second, candidate.second);
       });
-      if (!is_taken && kept.size() < kMaxFound) kept.push_back(place);
+      if (!is_suppressed && kept.size() < kMaxDetections) kept.push_back(candidate);
     }
     return kept;
   }

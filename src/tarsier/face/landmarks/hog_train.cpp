@@ -24,10 +24,11 @@ using inner::HogScanner;
 
 constexpr double kMaxStartSize = 1.5;      // windows; max size of the smallest object
 constexpr double kMinSize = 0.85;          // of the window; smaller objects cannot be detected
-constexpr double kInside = 0.6;            // min share of a box inside its image
+constexpr double kMinInsideShare = 0.6;    // min share of a box inside its image
 constexpr double kDuplicateOverlap = 0.5;  // overlap of two boxes that are the same object
 constexpr double kMinMatchOverlap = 0.5;   // overlap of a box with the best position of the window
-constexpr std::size_t kMaxForBox = 400;  // max number of images for the relation of boxes to shapes
+constexpr std::size_t kMaxBoxModelImages =
+    400;  // max number of images for the relation of boxes to shapes
 
 // A training image.
 struct Image {
@@ -38,16 +39,16 @@ struct Image {
 };
 
 double median_aspect(const std::vector<shape::BoxedImage>& images) {
-  std::vector<double> forms;
+  std::vector<double> aspects;
   for (const shape::BoxedImage& image : images) {
     for (const cv::Rect2d& box : image.boxes) {
-      if (box.width > 0 && box.height > 0) forms.push_back(box.width / box.height);
+      if (box.width > 0 && box.height > 0) aspects.push_back(box.width / box.height);
     }
   }
-  if (forms.empty()) return 1;
-  const auto middle = forms.begin() + static_cast<std::ptrdiff_t>(forms.size() / 2);
-  std::nth_element(forms.begin(), middle, forms.end());
-  return std::clamp(*middle, 0.25, 4.0);
+  if (aspects.empty()) return 1;
+  const auto median = aspects.begin() + static_cast<std::ptrdiff_t>(aspects.size() / 2);
+  std::nth_element(aspects.begin(), median, aspects.end());
+  return std::clamp(*median, 0.25, 4.0);
 }
 
 cv::Rect2d scaled(const cv::Rect2d& box, double sx, double sy) {
@@ -87,7 +88,8 @@ Image prepared(const shape::BoxedImage& image, const cv::Mat& gray, double scale
         std::any_of(to.boxes.begin(), to.boxes.end(),
                     [&](const cv::Rect2d& other) { return iou(box, other) > kDuplicateOverlap; });
     if (std::sqrt(box.area()) < kMinSize * options.window || is_double ||
-        (box & whole).area() < kInside * box.area() || iou(box, best) <= kMinMatchOverlap + 0.02) {
+        (box & whole).area() < kMinInsideShare * box.area() ||
+        iou(box, best) <= kMinMatchOverlap + 0.02) {
       to.ignored.push_back(box);
       ++result.ignored;
       continue;
@@ -146,15 +148,15 @@ class Problem final
       const long end = std::min(count_, first + kBlock);
       cv::parallel_for_(cv::Range(0, static_cast<int>(end - first)), [&](const cv::Range& range) {
         for (int k = range.start; k < range.end && !stop_.stop_requested(); ++k) {
-          const auto place = static_cast<std::size_t>(k);
-          separation_oracle_cached(first + k, weights, losses[place], features[place]);
+          const auto index = static_cast<std::size_t>(k);
+          separation_oracle_cached(first + k, weights, losses[index], features[index]);
         }
       });
       throw_if_stopped(stop_);
       for (long i = first; i < end; ++i) {
-        const auto place = static_cast<std::size_t>(i - first);
-        total_loss += losses[place];
-        subgradient += features[place];
+        const auto index = static_cast<std::size_t>(i - first);
+        total_loss += losses[index];
+        subgradient += features[index];
       }
     }
     ++rounds_;
@@ -185,7 +187,7 @@ void evaluate_on_training_images(const std::vector<Image>& images, HogTraining& 
   HogFinder finder(result.detector);
   std::vector<Eigen::Matrix2Xd> shapes;
   std::vector<cv::Rect2d> boxes;
-  const std::size_t step = std::max<std::size_t>(1, images.size() / kMaxForBox);
+  const std::size_t step = std::max<std::size_t>(1, images.size() / kMaxBoxModelImages);
   const double window =
       std::sqrt(static_cast<double>(result.detector.width) * result.detector.height);
   int tried = 0;

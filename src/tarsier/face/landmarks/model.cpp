@@ -173,9 +173,10 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
         // The network returns the shape of a face for any input. So false detections are rejected
         // by the score of the fit before it.
         rated = fit.points;
-        const double apart =
+        const double distance =
             (by_trees - by_descent).colwise().norm().mean() / shape_size(fit.points);
-        const double share = apart * apart / (apart * apart + kNetworkError * kNetworkError);
+        const double share =
+            distance * distance / (distance * distance + kNetworkError * kNetworkError);
         fit.points += share * (by_network - fit.points);
       }
       break;
@@ -355,8 +356,8 @@ std::vector<Candidate> find_filling(const cv::Mat& gray, FaceFinder& finder) {
   for (Candidate candidate : finder.find(with_border(small))) {
     const cv::Rect2d& box = candidate.box;
     candidate.box = {(box.tl() - from) * ratio, (box.br() - from) * ratio};
-    const cv::Point2d middle = 0.5 * (candidate.box.tl() + candidate.box.br());
-    if (candidate.box.width < smallest || !inside.contains(middle)) continue;
+    const cv::Point2d center = 0.5 * (candidate.box.tl() + candidate.box.br());
+    if (candidate.box.width < smallest || !inside.contains(center)) continue;
     candidate.box += to;
     out.push_back(candidate);
   }

@@ -112,8 +112,8 @@ double width_of(const Eigen::Matrix2Xd& points) {
   return points.row(0).maxCoeff() - points.row(0).minCoeff();
 }
 
-double parabola_peak(double left, double middle, double right) {
-  const double curve = left - 2 * middle + right;
+double parabola_peak(double left, double center, double right) {
+  const double curve = left - 2 * center + right;
   return curve < -1e-12 ? std::clamp(0.5 * (left - right) / curve, -0.5, 0.5) : 0;
 }
 
@@ -281,12 +281,12 @@ double find_peak(const Responses& responses, Eigen::Index point, Eigen::Vector2d
   }
   const auto value = [&](int x, int y) { return static_cast<double>(responses.row(point, y)[x]); };
   at = responses.corner.col(point) + Eigen::Vector2d(bx, by);
-  const double middle = static_cast<double>(best);
+  const double peak = static_cast<double>(best);
   if (bx > 0 && bx < side - 1)
-    at.x() += detail::parabola_peak(value(bx - 1, by), middle, value(bx + 1, by));
+    at.x() += detail::parabola_peak(value(bx - 1, by), peak, value(bx + 1, by));
   if (by > 0 && by < side - 1)
-    at.y() += detail::parabola_peak(value(bx, by - 1), middle, value(bx, by + 1));
-  return middle;
+    at.y() += detail::parabola_peak(value(bx, by - 1), peak, value(bx, by + 1));
+  return peak;
 }
 
 // The response at a position in the frame, interpolated.
@@ -364,9 +364,9 @@ void reweight(const Eigen::Matrix2Xd& targets, const Eigen::Matrix2Xd& points, d
               std::vector<double>& scratch, Eigen::VectorXd& weights) {
   const Eigen::VectorXd squares = (targets - points).colwise().squaredNorm();
   scratch.assign(squares.begin(), squares.end());
-  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
-  std::nth_element(scratch.begin(), middle, scratch.end());
-  const double scale = 4 * std::max(*middle, min_scale * min_scale);
+  const auto median = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
+  std::nth_element(scratch.begin(), median, scratch.end());
+  const double scale = 4 * std::max(*median, min_scale * min_scale);
   for (Eigen::Index i = 0; i < weights.size(); ++i) {
     const double share = scale / (scale + squares[i]);
     weights[i] *= share * share;

@@ -64,13 +64,13 @@ cv::Mat draw_patches(const PatchModels& model, const shape::ShapeModel& shape, i
   const Eigen::Vector2d high = model.reference.rowwise().maxCoeff().array() + margin;
   const cv::Size size(static_cast<int>(std::ceil((high.x() - low.x()) * zoom)) + 1,
                       static_cast<int>(std::ceil((high.y() - low.y()) * zoom)) + 1);
-  const auto place = [&](Eigen::Index i) {
+  const auto position_of = [&](Eigen::Index i) {
     return cv::Point2d((model.reference(0, i) - low.x()) * zoom,
                        (model.reference(1, i) - low.y()) * zoom);
   };
   const int side = model.side() * zoom;
   const auto box_of = [&](int i) {
-    const cv::Point2d at = place(i);
+    const cv::Point2d at = position_of(i);
     return cv::Rect(static_cast<int>(std::lround(at.x - side / 2.0)),
                     static_cast<int>(std::lround(at.y - side / 2.0)), side, side);
   };
@@ -93,9 +93,10 @@ cv::Mat draw_patches(const PatchModels& model, const shape::ShapeModel& shape, i
   gray.copyTo(canvas, count > 0);
   for (const auto& [first, second] : shape.connections) {
     if (std::min(first, second) < 0 || std::max(first, second) >= n) continue;
-    cv::line(canvas, cv::Point(place(first)), cv::Point(place(second)), kLine, 1, cv::LINE_AA);
+    cv::line(canvas, cv::Point(position_of(first)), cv::Point(position_of(second)), kLine, 1,
+             cv::LINE_AA);
   }
-  for (int i = 0; i < n; ++i) image::draw::point(canvas, place(i), kAccent, 0.4 * zoom + 0.6);
+  for (int i = 0; i < n; ++i) image::draw::point(canvas, position_of(i), kAccent, 0.4 * zoom + 0.6);
   if (point >= 0) {
     const cv::Rect box = box_of(point);
     const cv::Mat& patch = model.patches[static_cast<std::size_t>(point)];

@@ -69,7 +69,7 @@ cv::Mat paint(cv::Size size, const Similarity2d& image_from_face, const Texture&
   return gray;
 }
 
-Similarity2d random_place(Rng& rng, double scale) {
+Similarity2d random_similarity(Rng& rng, double scale) {
   const double s = scale * rng.uniform(0.9, 1.1);
   const double angle = rng.uniform(-0.15, 0.15);
   return {s * std::cos(angle), s * std::sin(angle), 110 * scale + rng.uniform(-3, 3),
@@ -77,11 +77,11 @@ Similarity2d random_place(Rng& rng, double scale) {
 }
 
 TrainingFace textured_face(Rng& rng, const Texture& texture, double scale) {
-  const Similarity2d place = random_place(rng, scale);
+  const Similarity2d similarity = random_similarity(rng, scale);
   const auto side = [&](double px) { return static_cast<int>(px * scale); };
   TrainingFace face;
-  face.gray = paint({side(220), side(200)}, place, texture, 4, rng);
-  face.points = place(face_points());
+  face.gray = paint({side(220), side(200)}, similarity, texture, 4, rng);
+  face.points = similarity(face_points());
   return face;
 }
 
@@ -95,9 +95,9 @@ Eigen::Matrix2Xd opened(double amount) {
 }
 
 TrainingFace blob_face(Rng& rng, double opening) {
-  const Similarity2d place = random_place(rng, 1);
+  const Similarity2d similarity = random_similarity(rng, 1);
   TrainingFace face;
-  face.points = place(opened(opening));
+  face.points = similarity(opened(opening));
   face.gray.create(200, 220, CV_8UC1);
   for (int y = 0; y < face.gray.rows; ++y) {
     for (int x = 0; x < face.gray.cols; ++x) {
@@ -218,7 +218,7 @@ TEST_P(PatchBias, ResponsePeaksAreUnbiased) {
     int count = 0;
     for (int k = 0; k < 20; ++k) {
       // From the patches' frame to the texture: turned and shifted by parts of a pixel.
-      const Eigen::Matrix2Xd points = random_place(rng, 1)(face_points());
+      const Eigen::Matrix2Xd points = random_similarity(rng, 1)(face_points());
       const Similarity2d photo_from_frame = shape::fit_similarity(model.patches.reference, points);
       const Similarity2d face_from_photo = shape::fit_similarity(points, face_points());
       for (int i = 0; i < model.patches.points(); ++i) {

@@ -15,11 +15,11 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr double kGood = 0.02;  // error, share of the shape's size
-constexpr double kBad = 0.20;
+constexpr double kGoodError = 0.02;  // error, share of the shape's size
+constexpr double kBadError = 0.20;
 
 float target_quality(double error) {
-  return static_cast<float>(std::clamp((kBad - error) / (kBad - kGood), 0.0, 1.0));
+  return static_cast<float>(std::clamp((kBadError - error) / (kBadError - kGoodError), 0.0, 1.0));
 }
 
 // Not at a finer resolution than the frame needs. Shapes far from a face are evaluated where they

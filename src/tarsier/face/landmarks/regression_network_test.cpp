@@ -47,9 +47,9 @@ TEST(RegressionNetwork, UsesOnlyTheSimilarityOfTheStart) {
   const std::vector<TrainingFace> faces = testing::blob_faces(6, 3);
   const RegressionNetwork model = train(faces, 2);
   RegressionNetworkWorkspace workspace;
-  const shape::Similarity2d place = shape::fit_similarity(model.mean, faces[0].points);
+  const shape::Similarity2d similarity = shape::fit_similarity(model.mean, faces[0].points);
   const Eigen::Matrix2Xd a = fit_network(model, faces[0].gray, faces[0].points, workspace);
-  const Eigen::Matrix2Xd b = fit_network(model, faces[0].gray, place(model.mean), workspace);
+  const Eigen::Matrix2Xd b = fit_network(model, faces[0].gray, similarity(model.mean), workspace);
   EXPECT_LT((a - b).cwiseAbs().maxCoeff(), 1e-6);
 }
 
@@ -117,12 +117,12 @@ TEST(RegressionNetwork, IsIncludedInTheMeanOfTheMethods) {
   by_trees.method = FitMethod::kTrees;
   FitOptions by_descent;
   by_descent.method = FitMethod::kDescent;
-  const double apart =
+  const double distance =
       mean_distance(fit_points(model, by_trees, faces[0].gray, start, workspace).points,
                     fit_points(model, by_descent, faces[0].gray, start, workspace).points) /
       shape_size(without);
-  ASSERT_GT(apart, 0.01);
-  const double share = apart * apart / (apart * apart + 0.08 * 0.08);
+  ASSERT_GT(distance, 0.01);
+  const double share = distance * distance / (distance * distance + 0.08 * 0.08);
   EXPECT_LT((with - (without + share * (alone - without))).cwiseAbs().maxCoeff(), 1e-9);
   EXPECT_GT((with - without).cwiseAbs().maxCoeff(), 1e-3);
 }

@@ -12,7 +12,7 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr int kCascadesEvery = 4;  // searches
+constexpr int kCascadeInterval = 4;  // searches
 // Share of the longer side: width of the smallest rolled face.
 constexpr double kMinRolledShare = 0.05;
 
@@ -87,7 +87,7 @@ class Step {
     }
     if (due || !faces.empty()) {
       const bool calm = faces.empty() && count_tracked() > 0;
-      const bool cascades = !calm || state_.calm_searches++ % kCascadesEvery == 0;
+      const bool cascades = !calm || state_.calm_searches++ % kCascadeInterval == 0;
       start_new_tracks(finder_.find_in(gray_, state_.plan.whole, cascades));
     }
     if (due && searches_rolled()) {
@@ -156,9 +156,9 @@ class Step {
 
   // Five times as wide as the face; includes slightly smaller and larger faces.
   [[nodiscard]] static SearchTile tile_around(const cv::Rect2d& box) {
-    constexpr double kSmallestFace = 16;
-    const double smallest = std::max(kSmallestFace, 0.6 * box.width);
-    const double reach = 2 * std::max(box.width, kSmallestFace);
+    constexpr double kMinFace = 16;
+    const double smallest = std::max(kMinFace, 0.6 * box.width);
+    const double reach = 2 * std::max(box.width, kMinFace);
     return {cv::Rect(cv::Rect2d(box.x - reach, box.y - reach, box.width + 2 * reach,
                                 box.height + 2 * reach)),
             smallest, std::max(2 * smallest, 1.8 * box.width)};

@@ -20,7 +20,7 @@ namespace {
 
 constexpr double kShift = 0.09;
 constexpr double kScale = 0.10;
-constexpr double kTurn = 10 * CV_PI / 180;
+constexpr double kRotation = 10 * CV_PI / 180;
 
 Eigen::Matrix2Xd placed(const Eigen::Matrix2Xd& mean, const Eigen::Vector2d& center, double size,
                         double angle) {
@@ -69,7 +69,7 @@ void add_shaped_starts(const std::vector<TrainingFace>& faces, const TrainModelO
         TARSIER_REQUIRE(shape.cols() == faces[f].points.cols() && shape.allFinite(),
                         "{}: a start that is none", faces[f].name);
         const Eigen::Vector2d center = shape.rowwise().mean();
-        const double angle = rng.normal(0, kTurn / 4);
+        const double angle = rng.normal(0, kRotation / 4);
         const double scale = std::exp(rng.normal(0, kScale / 2));
         const double dx = rng.normal(0, kShift / 2);
         const double dy = rng.normal(0, kShift / 2);
@@ -172,10 +172,10 @@ std::vector<TrainingFace> load_framed_faces(const shape::LandmarkSet& set, bool 
                                             std::uint64_t seed, Progress& progress,
                                             const std::stop_token& stop,
                                             std::vector<std::string>& skipped) {
-  constexpr int kLargest = 200;  // px of a face: the frames are smaller
+  constexpr int kMaxFaceSide = 200;  // px of a face: the frames are smaller
   LoadOptions load;
   load.mirror = mirror;
-  load.largest = kLargest;
+  load.largest = kMaxFaceSide;
   std::vector<TrainingFace> faces = load_training_faces(set, "", load, progress, stop, skipped);
   if (!mirror) return faces;
   const double shift = measured_shift(faces, mean_shape(faces), seed, progress, stop);
@@ -209,20 +209,20 @@ std::vector<Start> scattered_starts(const std::vector<TrainingFace>& faces,
     const bool has_box = !boxes.empty() && boxes[f].width > 0;
     for (int k = 0; k < each; ++k) {
       Eigen::Vector2d around = center;
-      double usual = size;
+      double start_size = size;
       double spread = 1;
       if (has_box && k % 2 == 1) {
         const Eigen::Matrix2Xd start = start_in_box(box, mean, boxes[f]);
         around = start.rowwise().mean();
-        usual = shape_size(start);
+        start_size = shape_size(start);
         spread = 0.5;
       }
-      const double angle = rng.normal(0, kTurn);
+      const double angle = rng.normal(0, kRotation);
       const double scale = std::exp(rng.normal(0, kScale * spread));
       const double dx = rng.normal(0, kShift * spread);
       const double dy = rng.normal(0, kShift * spread);
-      const Eigen::Vector2d to = around + usual * Eigen::Vector2d(dx, dy);
-      starts.push_back({static_cast<int>(f), placed(mean, to, usual * scale, angle)});
+      const Eigen::Vector2d to = around + start_size * Eigen::Vector2d(dx, dy);
+      starts.push_back({static_cast<int>(f), placed(mean, to, start_size * scale, angle)});
     }
   }
   return starts;

@@ -38,8 +38,8 @@ TrainingFace disc(const cv::Size& size, const Eigen::Vector2d& centre, double ra
   const Eigen::Vector2d dot = at(angle - 2.4, 0.5);
   constexpr int kBits = 6;
   constexpr double kOne = 1 << kBits;
-  const auto draw = [&](const Eigen::Vector2d& place, double r, int value) {
-    cv::circle(face.gray, cv::Point(cvRound(place.x() * kOne), cvRound(place.y() * kOne)),
+  const auto draw = [&](const Eigen::Vector2d& position, double r, int value) {
+    cv::circle(face.gray, cv::Point(cvRound(position.x() * kOne), cvRound(position.y() * kOne)),
                cvRound(r * kOne), cv::Scalar(value), cv::FILLED, cv::LINE_AA, kBits);
   };
   draw(centre, radius, 200);
@@ -261,11 +261,11 @@ TEST(Trees, RefuseBrokenFiles) {
       EXPECT_THAT(e.what(), HasSubstr(what));
     }
   };
-  const auto set_pair = [](json& place, std::size_t at, int value) {
-    PackedArray<std::uint8_t> bytes = unpack<std::uint8_t>(place, "", "", {-1, -1, 2});
+  const auto set_pair = [](json& packed, std::size_t at, int value) {
+    PackedArray<std::uint8_t> bytes = unpack<std::uint8_t>(packed, "", "", {-1, -1, 2});
     bytes.values[2 * at] = static_cast<std::uint8_t>(value & 0xFF);
     bytes.values[2 * at + 1] = static_cast<std::uint8_t>((value >> 8) & 0xFF);
-    place = pack(bytes);
+    packed = pack(bytes);
   };
   refused("mean", [](json& m) { m.erase("mean"); });
   refused("mean", [](json& m) { m["mean"] = pack(PackedArray<double>{{1, 2}, {0, 0}}); });
@@ -289,10 +289,10 @@ TEST(Trees, RefuseBrokenFiles) {
   refused("compares a pixel", [&](json& m) { set_pair(m["levels"][1]["second"], 4, 150); });
   refused("compares a pixel", [&](json& m) { set_pair(m["levels"][0]["first"], 0, -1); });
   refused("anchor", [&](json& m) {
-    json& place = m["levels"][0]["anchor"];
-    PackedArray<std::int32_t> anchor = unpack<std::int32_t>(place, "", "", {-1});
+    json& packed = m["levels"][0]["anchor"];
+    PackedArray<std::int32_t> anchor = unpack<std::int32_t>(packed, "", "", {-1});
     anchor.values.back() = 9;
-    place = pack(anchor);
+    packed = pack(anchor);
   });
   refused("offset", [](json& m) {
     m["levels"][0]["offset"] = pack(PackedArray<float>{{2, 2}, {0, 0, 0, 0}});

@@ -13,7 +13,7 @@ namespace tarsier::face::landmarks {
 
 std::vector<bool> Visibility::hidden() const {
   std::vector<bool> out;
-  for (const double probability : visible) out.push_back(probability < kHiddenBelow);
+  for (const double probability : visible) out.push_back(probability < kMinVisibleProbability);
   return out;
 }
 

@@ -22,13 +22,13 @@
 namespace tarsier::face::landmarks {
 
 // Chosen so that nine of ten points flagged as hidden are hidden (docs/results.md).
-inline constexpr double kHiddenBelow = 0.15;
+inline constexpr double kMinVisibleProbability = 0.15;
 
 struct Visibility {
   Eigen::VectorXd visible;  // n, probability that the point is visible, 0..1
   // n, px: distance from the true position that 68 % of such points stay within.
   Eigen::VectorXd sigma_px;
-  // visible < kHiddenBelow; empty if unknown.
+  // visible < kMinVisibleProbability; empty if unknown.
   [[nodiscard]] std::vector<bool> hidden() const;
 };
 

@@ -13,7 +13,7 @@
 namespace tarsier::face::onnx {
 namespace {
 
-constexpr std::size_t kMaxFaces = 5000;  // max candidates before non-maximum suppression
+constexpr std::size_t kMaxCandidates = 5000;  // max candidates before non-maximum suppression
 
 std::ptrdiff_t index_of(std::span<const std::string> names, const std::string& name) {
   const auto found = std::find(names.begin(), names.end(), name);
@@ -55,10 +55,11 @@ std::vector<DecodedFace> decode_boxes(std::span<const std::string> names,
     const auto numbers = [&](const char* kind, std::size_t each) {
       const std::string name = fmt::format("{}_{}", kind, stride);
       const cv::Mat& output = outputs[static_cast<std::size_t>(index_of(names, name))];
-      const std::size_t wanted =
+      const std::size_t expected =
           static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows) * each;
-      TARSIER_REQUIRE(output.type() == CV_32F && output.isContinuous() && output.total() == wanted,
-                      "'{}' has {} numbers in place of {}", name, output.total(), wanted);
+      TARSIER_REQUIRE(
+          output.type() == CV_32F && output.isContinuous() && output.total() == expected,
+          "'{}' has {} numbers in place of {}", name, output.total(), expected);
       return output.ptr<float>();
     };
     const float* cls = numbers("cls", 1);
@@ -87,7 +88,7 @@ std::vector<DecodedFace> decode_boxes(std::span<const std::string> names,
   }
   std::stable_sort(found.begin(), found.end(),
                    [](const DecodedFace& a, const DecodedFace& b) { return a.score > b.score; });
-  if (found.size() > kMaxFaces) found.resize(kMaxFaces);
+  if (found.size() > kMaxCandidates) found.resize(kMaxCandidates);
   std::vector<DecodedFace> out;
   for (const DecodedFace& face : found) {
     const bool hidden = std::any_of(out.begin(), out.end(), [&](const DecodedFace& better) {

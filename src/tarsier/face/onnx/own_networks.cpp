@@ -225,10 +225,10 @@ cv::Mat aligned_chip(const cv::Mat& crop, cv::Size size) {
   else
     source = crop;
   // Pixel centres are at integers, also in the alignment.
-  const double middle = 0.5 * crop.cols - 0.5;
-  const double line = kEyeY * crop.rows - 0.5;
-  const cv::Mat map = (cv::Mat_<double>(2, 3) << scale, 0, kAlignedEyesX * side - scale * middle, 0,
-                       scale_y, kAlignedEyesY * size.height / kAlignedSide - scale_y * line);
+  const double center_x = 0.5 * crop.cols - 0.5;
+  const double eye_line = kEyeY * crop.rows - 0.5;
+  const cv::Mat map = (cv::Mat_<double>(2, 3) << scale, 0, kAlignedEyesX * side - scale * center_x,
+                       0, scale_y, kAlignedEyesY * size.height / kAlignedSide - scale_y * eye_line);
   cv::Mat chip;
   cv::warpAffine(source, chip, map, size, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   return chip;

@@ -26,8 +26,8 @@ const cv::Scalar kHiddenColor(70, 110, 250);
 const cv::Scalar kLeftColor(90, 220, 90);
 const cv::Scalar kRightColor(70, 110, 255);
 const cv::Scalar kBackground(92, 76, 62);  // grey-blue
-const cv::Scalar kFaint(134, 118, 104);
-const cv::Scalar kDark(40, 34, 28);
+const cv::Scalar kFaintColor(134, 118, 104);
+const cv::Scalar kDarkColor(40, 34, 28);
 constexpr int kFractionBits = 4;
 constexpr double kMaxSigma = 3;
 constexpr int kGap = 2;  // px between cells
@@ -129,7 +129,8 @@ cv::Mat cell_of(const cv::Mat& image, const Crop& crop, int cell_px) {
                          scale / sy, (0.5 / sy - 0.5 - crop.y) * scale + (scale - 1) / 2);
   cv::Mat cell;
   cv::warpAffine(source, cell, warp, cv::Size(cell_px, cell_px),
-                 reduction < 1 ? cv::INTER_LINEAR : cv::INTER_CUBIC, cv::BORDER_CONSTANT, kDark);
+                 reduction < 1 ? cv::INTER_LINEAR : cv::INTER_CUBIC, cv::BORDER_CONSTANT,
+                 kDarkColor);
   return cell;
 }
 
@@ -164,7 +165,7 @@ void draw_sample(cv::Mat& cell, const LandmarkSet& set, const LandmarkSample& sa
     }
     draw_landmarks(cell, points, set.connections, set.mirror, style);
   } catch (const Error& error) {
-    cell.setTo(kDark);
+    cell.setTo(kDarkColor);
     std::string reason = error.what();
     if (const std::size_t colon = reason.rfind(": "); colon != std::string::npos)
       reason.erase(0, colon + 2);
@@ -210,10 +211,10 @@ void draw_shape_in(cv::Mat& image, const cv::Rect& area, const ShapeView& view,
   const double radius = std::clamp(unit / 130, 1.2, 6.0);
   const Matrix2Xd mean = image_from_model(view.model.mean);
   const Matrix2Xd shape = image_from_model(shape_of(view.model, b));
-  draw_lines(image, mean, view.model.connections, kFaint, thickness);
+  draw_lines(image, mean, view.model.connections, kFaintColor, thickness);
   if (view.model.connections.empty()) {
     for (int i = 0; i < view.model.points(); ++i)
-      image::draw::point(image, {mean(0, i), mean(1, i)}, kFaint, radius);
+      image::draw::point(image, {mean(0, i), mean(1, i)}, kFaintColor, radius);
   }
   draw_lines(image, shape, view.model.connections, kLineColor, thickness);
   for (int i = 0; i < view.model.points(); ++i) {
@@ -224,15 +225,15 @@ void draw_shape_in(cv::Mat& image, const cv::Rect& area, const ShapeView& view,
 
 // A bar from -3 to 3 sigma, filled from its middle.
 void draw_value(cv::Mat& image, const cv::Rect& box, double sigmas) {
-  image::draw::fill_rounded(image, box, box.height / 2, kDark);
+  image::draw::fill_rounded(image, box, box.height / 2, kDarkColor);
   const double half = box.width / 2.0;
   const double share = std::clamp(sigmas / kMaxSigma, -1.0, 1.0);
-  const int middle = box.x + box.width / 2;
+  const int center = box.x + box.width / 2;
   const int end = static_cast<int>(std::lround(box.x + half + share * half));
-  const cv::Rect filled(std::min(middle, end), box.y, std::max(1, std::abs(end - middle)),
+  const cv::Rect filled(std::min(center, end), box.y, std::max(1, std::abs(end - center)),
                         box.height);
   image::draw::fill_rounded(image, filled, 0, kPointColor);
-  cv::line(image, {middle, box.y - 2}, {middle, box.y + box.height + 1}, kLineColor, 1);
+  cv::line(image, {center, box.y - 2}, {center, box.y + box.height + 1}, kLineColor, 1);
 }
 
 std::string signed_text(double sigmas) {
@@ -288,7 +289,7 @@ void draw_landmarks(cv::Mat& image, const Matrix2Xd& points,
   const int thickness = std::clamp(static_cast<int>(std::lround(radius / 2)), 1, 4);
   if (style.connections) {
     // A dark line below: a light one alone is hardly visible on skin.
-    draw_lines(image, points, connections, kDark, thickness + 1);
+    draw_lines(image, points, connections, kDarkColor, thickness + 1);
     draw_lines(image, points, connections, kLineColor, thickness);
   }
   TARSIER_REQUIRE(style.sigma_px.size() == 0 || style.sigma_px.size() == points.cols(),
@@ -305,7 +306,8 @@ void draw_landmarks(cv::Mat& image, const Matrix2Xd& points,
     if (static_cast<std::size_t>(i) < style.hidden.size() &&
         style.hidden[static_cast<std::size_t>(i)]) {
       const int ring = cvRound(std::max(1.3 * radius, sigma_of(i)) * (1 << kFractionBits));
-      cv::circle(image, fixed(points, i), ring, kDark, thickness + 1, cv::LINE_AA, kFractionBits);
+      cv::circle(image, fixed(points, i), ring, kDarkColor, thickness + 1, cv::LINE_AA,
+                 kFractionBits);
       cv::circle(image, fixed(points, i), ring, kHiddenColor, thickness, cv::LINE_AA,
                  kFractionBits);
       continue;
@@ -342,7 +344,7 @@ cv::Mat contact_sheet(const LandmarkSet& set, const std::string& set_path, int c
   const int step = cell_px + kGap;
   TARSIER_REQUIRE(static_cast<double>(step) * step * wide * high <= 1e8,
                   "a sheet of {} cells of {} px", count, cell_px);
-  cv::Mat sheet(high * step - kGap, wide * step - kGap, CV_8UC3, kDark);
+  cv::Mat sheet(high * step - kGap, wide * step - kGap, CV_8UC3, kDarkColor);
   cv::parallel_for_(cv::Range(0, count), [&](const cv::Range& range) {
     for (int k = range.start; k < range.end; ++k) {
       cv::Mat cell = sheet(cv::Rect((k % wide) * step, (k / wide) * step, cell_px, cell_px));
@@ -379,7 +381,8 @@ cv::Mat draw_modes(const ShapeModel& model, int modes, int cell_px) {
   const int step = cell_px + kGap;
   TARSIER_REQUIRE(static_cast<double>(step) * rows * step * 5 <= 1e8, "{} rows of {} px", rows,
                   cell_px);
-  cv::Mat image(top + rows * step, left + static_cast<int>(kValues.size()) * step, CV_8UC3, kDark);
+  cv::Mat image(top + rows * step, left + static_cast<int>(kValues.size()) * step, CV_8UC3,
+                kDarkColor);
   const ShapeView view{model, half_extent_of(model)};
   for (int column = 0; column < static_cast<int>(kValues.size()); ++column) {
     const double value = kValues[static_cast<std::size_t>(column)];
