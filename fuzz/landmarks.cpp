@@ -84,7 +84,7 @@ TARSIER_FUZZ_TARGET(appearance_model, kJson) {
   const Eigen::Matrix2Xd start = (model.shape.mean * 25).array() + 48;
   for (const face::appearance::Texture& texture : model.levels) {
     if (texture.size() > 100'000 || texture.mode_count() > 50) return;
-    (void)face::appearance::explain(model, texture, texture.modes(), image(), start);
+    (void)face::appearance::fit_texture(model, texture, texture.modes(), image(), start);
   }
 }
 

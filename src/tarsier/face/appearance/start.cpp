@@ -137,7 +137,7 @@ std::optional<Matrix2Xd> search_start(const Fitter& fitter, const cv::Mat& image
   }
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Candidate& a, const Candidate& b) { return a.error < b.error; });
-  // The best places, without neighbours of better ones.
+  // The best candidates, without neighbours of better ones.
   std::vector<Matrix2Xd> starts;
   for (const Candidate& candidate : candidates) {
     if (static_cast<int>(starts.size()) >= options.best) break;

@@ -46,7 +46,7 @@ struct SearchOptions {
   double largest = 0.9;
   double scale_step = 1.2;
   double place_step = 0.12;  // share of the width
-  int best = 5;              // places that are fitted at the coarsest level
+  int best = 5;              // candidates that are fitted at the coarsest level
 
   [[nodiscard]] OptionFields fields() {
     return {{"scale_step", scale_step, range(1.02, 4)},

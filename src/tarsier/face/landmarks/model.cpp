@@ -63,7 +63,7 @@ constexpr double kExtraStarts[][4] = {{0.7, 0, 1, 0},  {-0.7, 0, 1, 0}, {0, 0.6,
 constexpr double kConfidentRolledScore = 0.95;  // min detector score of a rolled face that ..
 constexpr double kMinRolledScore = 0.25;        // .. needs only this score of both fits
 constexpr double kGoodScore = 0.5;              // no other start is tried from this score on
-constexpr double kMinScore = 0.1;  // of a sure detection; below it the detection is rejected
+constexpr double kMinScore = 0.1;  // of a confident detection; below it the detection is rejected
 
 // Shows the points on an enlarged part of the image.
 void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& model,

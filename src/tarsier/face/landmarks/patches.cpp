@@ -126,7 +126,7 @@ Eigen::VectorXd Trainer::stochastic(Eigen::Index point) const {
   Rows rows(positions(), taps());
   Eigen::VectorXf patch = Eigen::VectorXf::Zero(taps());
   // Rows have norm 1, so no eigenvalue of their squares exceeds the number of rows. Steps up to 1 /
-  // places therefore cannot diverge.
+  // positions therefore cannot diverge.
   double step = options.first_step / static_cast<double>(positions());
   const double weight =
       options.lambda * static_cast<double>(positions()) / static_cast<double>(taps());

@@ -76,7 +76,7 @@ void add_shaped_starts(const std::vector<TrainingFace>& faces, const TrainModelO
         const Eigen::Vector2d to = center + shape_size(shape) * Eigen::Vector2d(dx, dy);
         const shape::Similarity2d similarity{scale * std::cos(angle), scale * std::sin(angle), 0,
                                              0};
-        shapes[f].push_back(turn(Eigen::Matrix2Xd(shape.colwise() - center)).colwise() + to);
+        shapes[f].push_back(similarity(Eigen::Matrix2Xd(shape.colwise() - center)).colwise() + to);
       }
     }
   });
