@@ -138,7 +138,7 @@ ExitStatus bench_aam(Context& context, const BenchOptions& options) {
     FitOptions fit;
     fit.method = Method::kAlternating;
     const face::appearance::Fitter fitter(model, fit);
-    const face::head::HeadPoser poser(head);
+    const face::head::HeadPoseEstimator estimator(head);
     const face::appearance::FindStarts find = [&](const cv::Mat&) {
       return std::vector<std::vector<Eigen::Matrix2Xd>>{{start_of(model)}};
     };
@@ -150,7 +150,7 @@ ExitStatus bench_aam(Context& context, const BenchOptions& options) {
       for (const cv::Mat& frame : video) {
         for (const face::appearance::TrackedObject& face :
              face::appearance::track_objects(fitter, {}, find, track, frame, time))
-          (void)poser.pose(face.fit.points, camera, identity);
+          (void)estimator.pose(face.fit.points, camera, identity);
         time += 0.04;
       }
     });

@@ -52,11 +52,11 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
              (void)face::landmarks::fit_points(model, fit, gray, start, workspace);
            }));
   }
-  report("detect", median_ms(options.repeats, [&] { (void)finder.find_sure(gray); }));
+  report("detect", median_ms(options.repeats, [&] { (void)finder.find_confident(gray); }));
   // Faces from the default 40 px; the image fills the frame.
   cv::Mat wide;
   cv::resize(gray, wide, cv::Size(1920, 1080), 0, 0, cv::INTER_LINEAR);
-  report("detect-1080p", median_ms(options.repeats, [&] { (void)finder.find_sure(wide); }));
+  report("detect-1080p", median_ms(options.repeats, [&] { (void)finder.find_confident(wide); }));
   cv::Mat frame;
   cv::resize(gray, frame, cv::Size(640, 480), 0, 0, cv::INTER_AREA);
   face::LandmarkState state;

@@ -17,7 +17,7 @@ TARSIER_FUZZ_TARGET(head_model, kJson) {
   model.check();
   if (model.points() > 100 || model.mode_count() > 30) return;
   (void)shape_of(model, Eigen::VectorXd::Ones(model.mode_count()));
-  const HeadPoser poser(std::move(model));
+  const HeadPoseEstimator estimator(std::move(model));
 }
 
 TARSIER_FUZZ_TARGET(head_points, kBytes) {

@@ -58,7 +58,7 @@ TARSIER_FUZZ_TARGET(hog_detector, kJson) {
 TARSIER_FUZZ_TARGET(face_networks, kJson) {
   const face::FaceNetworks networks = face::read_face_networks(file_of(input, "model.json"));
   face::FaceSearchWorkspace workspace;
-  (void)face::search_faces(image(), networks, {.min_face = 16, .max_places = 20}, workspace);
+  (void)face::search_faces(image(), networks, {.min_face = 16, .max_candidates = 20}, workspace);
 }
 
 TARSIER_FUZZ_TARGET(anchor_detector, kJson) {
@@ -84,7 +84,7 @@ TARSIER_FUZZ_TARGET(appearance_model, kJson) {
   const Eigen::Matrix2Xd start = (model.shape.mean * 25).array() + 48;
   for (const face::appearance::Texture& texture : model.levels) {
     if (texture.size() > 100'000 || texture.mode_count() > 50) return;
-    (void)face::appearance::explain(model, texture, texture.modes(), image(), start);
+    (void)face::appearance::fit_texture(model, texture, texture.modes(), image(), start);
   }
 }
 

@@ -55,14 +55,15 @@ TARSIER_FUZZ_TARGET(onnx_network, kBytes) {
   const face::onnx::NetworkFile network =
       face::onnx::parse_network(std::string(text_of(input)), "network.onnx");
   expect(network.nodes > 0 && network.parameters >= 0, "a network without layers");
-  for (const face::onnx::TensorForm& form : network.inputs)
+  for (const face::onnx::TensorInfo& form : network.inputs)
     for (const std::int64_t side : form.shape) expect(side == -1 || side > 0, "a side of an input");
 }
 
 TARSIER_FUZZ_TARGET(onnx_input_form, kBytes) {
-  const face::onnx::InputForm form = face::onnx::parse_input_form(text_of(input), "network.txt");
-  expect(form.scale > 0 && (form.mean.size() == 1 || form.mean.size() == 3), "an input form");
-  expect((form.width == 0) == (form.height == 0) && form.width <= 2048, "a size");
+  const face::onnx::InputFormat format =
+      face::onnx::parse_input_format(text_of(input), "network.txt");
+  expect(format.scale > 0 && (format.mean.size() == 1 || format.mean.size() == 3), "an input form");
+  expect((format.width == 0) == (format.height == 0) && format.width <= 2048, "a size");
 }
 
 TARSIER_FUZZ_TARGET(face_list, kBytes) { (void)read_face_list(file_of(input, "faces.lst")); }

@@ -70,7 +70,7 @@ std::vector<DemoImage> fit_sequence(DemoPage& page, const face::appearance::Appe
   }
   cv::Mat made = image.clone();
   const face::appearance::Synthesis synthesis(model);
-  const face::appearance::Explained seen = synthesis.explain(image, fit.points);
+  const face::appearance::TextureFit seen = synthesis.fit_texture(image, fit.points);
   synthesis.draw(seen.c, seen.offset, seen.gain, fit.points, made);
   strip.push_back(
       page.image("aam-fit-made", cropped(made, truth.points), "what the model makes of it"));

@@ -17,12 +17,12 @@
 #include "tarsier/face/head/train_head.h"
 #include "tarsier/face/head_view/view_train.h"
 #include "tarsier/face/landmarks/adapt.h"
+#include "tarsier/face/landmarks/alpha_beta_filter.h"
 #include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/hog_detector.h"
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/face/landmarks/patches.h"
 #include "tarsier/face/landmarks/quality.h"
-#include "tarsier/face/landmarks/steady.h"
 #include "tarsier/face/landmarks/tracker.h"
 #include "tarsier/face/landmarks/train_model.h"
 #include "tarsier/face/landmarks/training_face.h"
@@ -81,7 +81,7 @@ std::vector<OptionsCase> face_options() {
       options_case<face::landmarks::RegressionNetworkOptions>(
           "face::landmarks::RegressionNetworkOptions"),
       options_case<face::landmarks::VisibilityOptions>("face::landmarks::VisibilityOptions"),
-      options_case<face::landmarks::SteadyOptions>("face::landmarks::SteadyOptions"),
+      options_case<face::landmarks::AlphaBetaFilterOptions>("face::landmarks::SteadyOptions"),
       options_case<face::landmarks::TrackerOptions>("face::landmarks::TrackerOptions"),
       options_case<face::landmarks::TrainModelOptions>("face::landmarks::TrainModelOptions"),
       options_case<face::landmarks::TreesOptions>("face::landmarks::TreesOptions"),

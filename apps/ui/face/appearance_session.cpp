@@ -73,7 +73,7 @@ void AppearanceSession::draw_object(const Eigen::Matrix2Xd& points, Drawn drawn,
       image::draw::point(image, {points(0, i), points(1, i)}, {80, 220, 255}, radius);
   }
   if (drawn == Drawn::kFace) {
-    const face::appearance::Explained seen = synthesis_->explain(frame(), points);
+    const face::appearance::TextureFit seen = synthesis_->fit_texture(frame(), points);
     synthesis_->draw(seen.c, seen.offset, seen.gain, points, image);
   }
 }

@@ -25,11 +25,11 @@ constexpr double kRandomSpread = 0.7;
 const cv::Size kPortrait(560, 560);
 constexpr int kLongest = 900;  // px, larger images are reduced
 constexpr int kBarRoom = 40;   // px, for the status
-const cv::Scalar kGround(38, 34, 30);
+const cv::Scalar kBackground(38, 34, 30);
 
 // Adds space for the status below.
 cv::Mat framed(const cv::Mat& image) {
-  cv::Mat whole(image.rows + kBarRoom, image.cols, CV_8UC3, kGround);
+  cv::Mat whole(image.rows + kBarRoom, image.cols, CV_8UC3, kBackground);
   image.copyTo(whole(cv::Rect(0, 0, image.cols, image.rows)));
   return whole;
 }
@@ -58,7 +58,7 @@ ExploreSession::ExploreSession(const face::appearance::AppearanceModel& model,
     base_->points = ((base_->points.array() + 0.5) * scale - 0.5).matrix();
   }
   placed_ = face::shape::fit_shape(model.shape, base_->points);
-  seen_ = synthesis_.explain(base_->image, base_->points);
+  seen_ = synthesis_.fit_texture(base_->image, base_->points);
   over_ = true;
   take_from_image();
 }
@@ -221,7 +221,7 @@ std::vector<Slider> ShapePlayground::sliders() const {
 
 cv::Mat ShapePlayground::image() const {
   const cv::Size size(760, 560);
-  cv::Mat image(size, CV_8UC3, kGround);
+  cv::Mat image(size, CV_8UC3, kBackground);
   // The shapes at the left, their coordinates in the plane of the two modes at the right.
   const double left = 540;
   Eigen::Array2d low = model_.mean.rowwise().minCoeff().array();

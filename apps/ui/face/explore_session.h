@@ -53,10 +53,10 @@ class ExploreSession final : public Session {
   const face::appearance::AppearanceModel& model_;
   face::appearance::Synthesis synthesis_;
   std::optional<ExploredImage> base_;
-  face::shape::ShapeFit placed_;      // the fit to the image's points
-  face::appearance::Explained seen_;  // of the image
-  Eigen::VectorXd shape_;             // b / deviation
-  Eigen::VectorXd look_;              // c / deviation
+  face::shape::ShapeFit placed_;       // the fit to the image's points
+  face::appearance::TextureFit seen_;  // of the image
+  Eigen::VectorXd shape_;              // b / deviation
+  Eigen::VectorXd look_;               // c / deviation
   std::uint64_t seed_;
   int mode_ = 0;  // moved by + and -: modes of the shape, then modes of the look
   bool over_ = false;

@@ -102,7 +102,7 @@ nlohmann::ordered_json LivenessSession::challenge_json() const {
           {"task", text(now.task ? name_of(*now.task) : std::string_view())},
           {"done", now.done},
           {"tasks", liveness_.tasks().size()},
-          {"left_s", rounded(now.left_s, 100)},
+          {"left_s", rounded(now.remaining_s, 100)},
           {"openness", rounded(now.openness, 1000)},
           {"parallax", rounded(now.parallax, 1000)},
           {"reason", text(now.reason)}};

@@ -49,7 +49,7 @@ PoseSession::PoseSession(face::PoseTracker tracker, PoseSessionOptions options, 
 }
 
 const face::head::HeadModel& PoseSession::head_model() const {
-  return tracker_.finder().poser().model();
+  return tracker_.finder().estimator().model();
 }
 
 void PoseSession::process(const Frame& frame) {

@@ -156,7 +156,8 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
     const face::appearance::TrackedObject* object = nearest(objects, sample.points);
     std::optional<Eigen::Matrix2Xd> points;
     if (object != nullptr) points = object->fit.points;
-    face::landmarks::FitOutcome outcome = face::landmarks::judge(points, sample.points, eyes);
+    face::landmarks::FitOutcome outcome =
+        face::landmarks::evaluate_fit(points, sample.points, eyes);
     outcome.image = sample.image;
     outcome.ms = ms;
     if (object != nullptr) iterations += object->fit.iterations;

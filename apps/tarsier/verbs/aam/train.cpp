@@ -84,9 +84,10 @@ ExitStatus train(TrainFlags& flags, Context& context) {
     throw InputError(flags.set.input, error.what());
   }
   int detected = 0;
-  if (!flags.no_detector) detected = face::appearance::learn_place(model, images, nearest_face());
+  if (!flags.no_detector)
+    detected = face::appearance::set_shape_in_box(model, images, nearest_face());
   // A detector has some detections anywhere by chance.
-  if (detected * 4 < static_cast<int>(images.size())) model.place = {};
+  if (detected * 4 < static_cast<int>(images.size())) model.shape_in_box = {};
   model.lost_error = face::appearance::learn_lost_error(images, set.mirror, options, context.seed,
                                                         *context.progress, context.stop);
 

@@ -43,10 +43,10 @@ std::string text_of(const AdaptFlags& flags, const face::landmarks::AdaptedModel
                     double seconds) {
   std::string text = fmt::format("{}: {} {}, ridge {:g}", flags.output, adapted.faces,
                                  adapted.faces == 1 ? "image" : "images", adapted.ridge);
-  if (adapted.before > 0) {
+  if (adapted.base_error > 0) {
     text += fmt::format(
         "; error on held-out images {:.2f} % of the face size, of the base model {:.2f} %",
-        100 * adapted.after, 100 * adapted.before);
+        100 * adapted.adapted_error, 100 * adapted.base_error);
   }
   return text + fmt::format("; {} s\n", seconds);
 }
@@ -64,7 +64,7 @@ ExitStatus adapt(AdaptFlags& flags, Context& context) {
   const face::landmarks::AdaptedModel adapted = face::landmarks::adapt_landmark_model(
       model, set, "", flags.options, *context.progress, context.stop);
   for (const std::string& skipped : adapted.skipped) log_warning("{}; left out", skipped);
-  if (adapted.kept)
+  if (adapted.base_kept)
     log_warning("{}: adapting does not reduce the error on held-out images: the base model is kept",
                 base);
   face::landmarks::write_landmark_model(flags.output, adapted.model,
@@ -74,11 +74,11 @@ ExitStatus adapt(AdaptFlags& flags, Context& context) {
     nlohmann::ordered_json line = {{"output", flags.output},
                                    {"faces", adapted.faces},
                                    {"ridge", adapted.ridge},
-                                   {"chosen", adapted.chosen},
-                                   {"kept", adapted.kept}};
-    if (adapted.before > 0) {
-      line["before"] = rounded(adapted.before, 5);
-      line["after"] = rounded(adapted.after, 5);
+                                   {"chosen", adapted.ridge_chosen},
+                                   {"kept", adapted.base_kept}};
+    if (adapted.base_error > 0) {
+      line["before"] = rounded(adapted.base_error, 5);
+      line["after"] = rounded(adapted.adapted_error, 5);
     }
     line["seconds"] = seconds;
     print_json(line);

@@ -82,9 +82,9 @@ std::string text_of(const face::landmarks::LandmarkScore& score) {
 
 nlohmann::ordered_json json_of(const face::landmarks::VisibilityScore& visibility) {
   return {{"hidden", visibility.hidden},
-          {"hidden_found", visibility.hidden_found},
-          {"seen", visibility.seen},
-          {"seen_flagged", visibility.seen_flagged},
+          {"hidden_found", visibility.hidden_flagged},
+          {"seen", visibility.visible},
+          {"seen_flagged", visibility.visible_flagged},
           {"within_sigma", rounded(visibility.coverage(), 4)}};
 }
 
@@ -95,7 +95,7 @@ std::string text_of(const face::landmarks::VisibilityScore& visibility) {
         fmt::format("{:.1f} % of {} hidden points flagged, {:.1f} % of the flagged are hidden; ",
                     100 * visibility.recall(), visibility.hidden, 100 * visibility.precision());
   return fmt::format("{}{:.1f} % of {} points within sigma_px\n", hidden,
-                     100 * visibility.coverage(), visibility.hidden + visibility.seen);
+                     100 * visibility.coverage(), visibility.hidden + visibility.visible);
 }
 
 ExitStatus study_persons(const EvalFlags& flags, const face::shape::LandmarkSet& set,
@@ -130,12 +130,12 @@ ExitStatus study_persons(const EvalFlags& flags, const face::shape::LandmarkSet&
 }
 
 // Evaluates boxes only.
-ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
+ExitStatus evaluate_detection(const EvalFlags& flags, Context& context) {
   const std::vector<face::shape::BoxedImage> images =
       load_boxes(flags.set, flags.held_out, Part::kHeldOut);
   const face::LandmarkTracker tracker = load_landmark_tracker(flags.landmarks);
   face::landmarks::FaceFinder finder = tracker.detector().make_finder();
-  face::landmarks::DetectionJudge judge;
+  face::landmarks::DetectionEvaluator evaluator;
   context.progress->begin("detecting", static_cast<std::int64_t>(images.size()), "images");
   for (const face::shape::BoxedImage& image : images) {
     throw_if_stopped(context.stop);
@@ -143,15 +143,15 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
     try {
       const cv::Mat gray = read_gray_image(image.image);
       const Stopwatch watch;
-      const std::vector<face::landmarks::Candidate> found = finder.find_sure(gray);
+      const std::vector<face::landmarks::Candidate> found = finder.find_confident(gray);
       const double ms = watch.ms();
-      judge.add(tracker.model(), finder, found, image, ms);
+      evaluator.add(tracker.model(), finder, found, image, ms);
     } catch (const InputError& error) {
       log_warning("{}; left out", error.what());
     }
   }
   context.progress->end();
-  const face::landmarks::DetectionScore score = judge.score();
+  const face::landmarks::DetectionScore score = evaluator.score();
   const double rate = static_cast<double>(score.found) / std::max(1, score.objects);
   if (context.json) {
     const nlohmann::ordered_json line = {{"images", score.images},
@@ -159,13 +159,14 @@ ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
                                          {"found", score.found},
                                          {"rate", rounded(rate, 4)},
                                          {"false_alarms", score.false_alarms},
-                                         {"off", rounded(score.off, 4)},
+                                         {"off", rounded(score.center_error, 4)},
                                          {"ms", rounded(score.ms, 2)}};
     print_json(line);
   } else {
     print_text(fmt::format(
         "{} of {} found ({:.1f} %), mean error {:.1f} % of the box; {} false alarms in {} images\n",
-        score.found, score.objects, 100 * rate, 100 * score.off, score.false_alarms, score.images));
+        score.found, score.objects, 100 * rate, 100 * score.center_error, score.false_alarms,
+        score.images));
   }
   return score.found == 0 ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
@@ -174,7 +175,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   if (flags.occlude && (flags.detection || flags.by_person || !flags.results.empty()))
     throw UsageError(
         "--occlude evaluates a model on images: not with --detection, --by-person, --results");
-  if (flags.detection) return judge_detection(flags, context);
+  if (flags.detection) return evaluate_detection(flags, context);
   const face::shape::LandmarkSet set =
       face::shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
   if (set.samples.empty())
@@ -236,7 +237,8 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
     } else {
       points = given.find(sample.image, set.points());
     }
-    face::landmarks::FitOutcome outcome = face::landmarks::judge(points, sample.points, eyes);
+    face::landmarks::FitOutcome outcome =
+        face::landmarks::evaluate_fit(points, sample.points, eyes);
     outcome.image = sample.image;
     outcome.person = sample.person;
     outcome.ms = ms;
@@ -257,12 +259,12 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   const face::landmarks::LandmarkScore score = face::landmarks::score_of(outcomes);
   if (context.json) {
     nlohmann::ordered_json line = json_of(score);
-    if (visibility.hidden + visibility.seen > 0) line["visibility"] = json_of(visibility);
+    if (visibility.hidden + visibility.visible > 0) line["visibility"] = json_of(visibility);
     if (tracker) line["ms"] = rounded(milliseconds / std::max(1, score.faces), 2);
     print_json(line);
   } else {
     print_text(text_of(score));
-    if (visibility.hidden + visibility.seen > 0) print_text(text_of(visibility));
+    if (visibility.hidden + visibility.visible > 0) print_text(text_of(visibility));
   }
   return score.missed == score.faces ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }

@@ -128,7 +128,7 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
   nlohmann::json about = box_training_provenance(flags, context);
   about.update({{"faces", trained.faces},
                 {"turned", turned},
-                {"without", trained.without},
+                {"without", trained.without_faces},
                 {"drawings", flags.options.drawings},
                 {"held_out", trained.held_out},
                 {"held_out_likely", trained.held_out_likely},
@@ -139,12 +139,14 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
         {"output", flags.output},
         {"faces", trained.faces},
         {"turned", turned},
-        {"without", trained.without},
-        {"sure", trained.networks.sure},
+        {"without", trained.without_faces},
+        {"sure", trained.networks.confident_score},
         {"held_out", trained.held_out},
         {"held_out_likely", trained.held_out_likely},
         {"held_out_alarms", trained.held_out_alarms},
-        {"mistakes", {trained.scan_mistakes, trained.judge_mistakes, trained.check_mistakes}},
+        {"mistakes",
+         {trained.scan_false_positives, trained.refine_false_positives,
+          trained.verify_false_positives}},
         {"seconds", seconds}};
     print_json(line);
   } else if (!context.quiet) {
@@ -152,9 +154,9 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
         "{}: {} faces, {} images without faces; hard examples of the three networks: {}, {}, {}; "
         "{} s\n"
         "a face is certain above a score of {:.3f}: {} false alarms in {} held-out images\n",
-        flags.output, trained.faces, trained.without, trained.scan_mistakes, trained.judge_mistakes,
-        trained.check_mistakes, seconds, trained.networks.sure, trained.held_out_alarms,
-        trained.held_out));
+        flags.output, trained.faces, trained.without_faces, trained.scan_false_positives,
+        trained.refine_false_positives, trained.verify_false_positives, seconds,
+        trained.networks.confident_score, trained.held_out_alarms, trained.held_out));
   }
   return ExitStatus::kDone;
 }
@@ -172,8 +174,8 @@ void add_flags(Command& verb, NetworkFlags& flags) {
   bind_field(verb, flags.options, flags.options.disguised);
   bind_field(verb, flags.options, flags.options.drawings);
   bind_field(verb, flags.options, flags.options.scan_steps);
-  bind_field(verb, flags.options, flags.options.judge_steps);
-  bind_field(verb, flags.options, flags.options.check_steps);
+  bind_field(verb, flags.options, flags.options.refine_steps);
+  bind_field(verb, flags.options, flags.options.verify_steps);
 }
 
 }  // namespace

@@ -92,7 +92,7 @@ face::people::FaceReaderOptions reading_options(const PeopleFlags& flags,
   options.finder.rolled = face::landmarks::parse_rolled_search(flags.rolled);
   if (uncertain == UncertainFaces::kToo) options.min_uncertain = face::people::kMinUncertain;
   if (!flags.detector_model.empty())
-    options.finder.own = face::onnx::load_box_detector(flags.detector_model);
+    options.finder.external_detector = face::onnx::load_box_detector(flags.detector_model);
   return options;
 }
 

@@ -37,7 +37,7 @@ std::string table_of(const std::vector<face::head::PointingOutcome>& outcomes) {
     const Eigen::Vector3d s = o.sigma_deg.value_or(Eigen::Vector3d::Zero());
     table +=
         fmt::format("{},{:g},{:g},{:d},{:d},{:.2f},{:.2f},{:.2f},{:.2f},{:.2f},{:.2f}\n",
-                    csv_field(o.image), o.truth.tilt_deg, o.truth.pan_deg, o.face_seen,
+                    csv_field(o.image), o.truth.tilt_deg, o.truth.pan_deg, o.face_detected,
                     o.rotation.has_value(), a.pitch_deg, a.yaw_deg, a.roll_deg, s[1], s[0], s[2]);
   }
   return table;
@@ -49,7 +49,7 @@ bool evaluate_pointing(const EvalFlags& flags, face::PoseEvaluator& evaluator, C
   if (!flags.csv.empty()) write_file_atomically(flags.csv, table_of(outcomes));
   const face::head::PointingScore score = face::head::score_pointing(outcomes);
   print_pointing(score, context, "");
-  return score.found > 0;
+  return score.with_pose > 0;
 }
 
 void print_score(const face::head::PoseScore& score, const Context& context) {
@@ -57,14 +57,14 @@ void print_score(const face::head::PoseScore& score, const Context& context) {
     nlohmann::ordered_json line;
     line["set"] = "truth";
     line["images"] = score.truths;
-    line["answered"] = score.answered;
+    line["answered"] = score.with_pose;
     line["pitch_mae"] = rounded(score.pitch_mae_deg, 3);
     line["yaw_mae"] = rounded(score.yaw_mae_deg, 3);
     line["roll_mae"] = rounded(score.roll_mae_deg, 3);
     line["rotation_mean"] = rounded(score.mean_deg, 3);
     line["rotation_median"] = rounded(score.median_deg, 3);
     line["rotation_p95"] = rounded(score.p95_deg, 3);
-    line["beyond10"] = rounded(score.beyond10, 3);
+    line["beyond10"] = rounded(score.over_10_deg, 3);
     if (score.with_translation > 0) {
       line["translation_mean"] = rounded(score.translation_mean_mm, 3);
       line["translation_median"] = rounded(score.translation_median_mm, 3);
@@ -78,9 +78,9 @@ void print_score(const face::head::PoseScore& score, const Context& context) {
   print_text(fmt::format(
       "answered {}/{}  MAE pitch {:.2f} yaw {:.2f} roll {:.2f} mean {:.2f} degrees | rotation mean "
       "{:.2f} median {:.2f} p95 {:.2f}, beyond 10 degrees {:.1f} %\n",
-      score.answered, score.truths, score.pitch_mae_deg, score.yaw_mae_deg, score.roll_mae_deg,
+      score.with_pose, score.truths, score.pitch_mae_deg, score.yaw_mae_deg, score.roll_mae_deg,
       (score.pitch_mae_deg + score.yaw_mae_deg + score.roll_mae_deg) / 3, score.mean_deg,
-      score.median_deg, score.p95_deg, 100 * score.beyond10));
+      score.median_deg, score.p95_deg, 100 * score.over_10_deg));
   if (score.with_translation > 0) {
     print_text(fmt::format("translation mean {:.2f} median {:.2f} ({:.2f} % of the distance)\n",
                            score.translation_mean_mm, score.translation_median_mm,
@@ -132,7 +132,7 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
     const face::head::PoseScore score = face::head::score_poses(
         face::head::match_poses(found, truth), static_cast<int>(truth.size()));
     print_score(score, context);
-    any = any || score.answered > 0;
+    any = any || score.with_pose > 0;
   }
   if (evaluator && !flags.output.empty()) write_file_atomically(flags.output, evaluator->lines());
   return any ? ExitStatus::kDone : ExitStatus::kNothingFound;

@@ -21,10 +21,11 @@ std::string text_of(const face::head::PointingScore& score) {
       "pitch MAE {:.2f} degrees after the offset of {:+.2f}; {:.2f} without\n"
       "direction: elevation MAE {:.2f}, azimuth {:.2f} degrees after their offsets\n"
       "mean yaw {} with pan:",
-      score.images, score.found, score.seen, 100.0 * score.seen_found / std::max(1, score.seen),
-      score.yaw_mae_deg, score.yaw_offset_deg, score.yaw_mae_raw_deg, score.pitch_mae_deg,
-      score.pitch_offset_deg, score.pitch_mae_raw_deg, score.elevation_mae_deg,
-      score.azimuth_mae_deg, score.yaw_rises ? "rises strictly" : "does NOT rise strictly");
+      score.images, score.with_pose, score.detected,
+      100.0 * score.detected_with_pose / std::max(1, score.detected), score.yaw_mae_deg,
+      score.yaw_offset_deg, score.yaw_mae_raw_deg, score.pitch_mae_deg, score.pitch_offset_deg,
+      score.pitch_mae_raw_deg, score.elevation_mae_deg, score.azimuth_mae_deg,
+      score.yaw_rises ? "rises strictly" : "does NOT rise strictly");
   for (const auto& [pan, yaw] : score.yaw_of_pan) text += fmt::format("  {:+g}: {:+.1f}", pan, yaw);
   text += "\nmean pitch by tilt:";
   for (const auto& [tilt, pitch] : score.pitch_of_tilt) {
@@ -37,9 +38,9 @@ nlohmann::ordered_json json_of(const face::head::PointingScore& score) {
   nlohmann::ordered_json line;
   line["set"] = "pointing04";
   line["images"] = score.images;
-  line["seen"] = score.seen;
-  line["seen_found"] = score.seen_found;
-  line["found"] = score.found;
+  line["seen"] = score.detected;
+  line["seen_found"] = score.detected_with_pose;
+  line["found"] = score.with_pose;
   line["yaw_mae"] = rounded(score.yaw_mae_deg, 3);
   line["pitch_mae"] = rounded(score.pitch_mae_deg, 3);
   line["yaw_offset"] = rounded(score.yaw_offset_deg, 3);

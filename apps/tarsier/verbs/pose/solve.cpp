@@ -144,8 +144,8 @@ nlohmann::ordered_json json_of(const face::head::PositPose& pose,
   const Eigen::Vector3d& t = pose.camera_from_object.translation;
   object["translation"] = {t[0], t[1], t[2]};
   if (sigma) {
-    const Eigen::Vector3d& turn = sigma->turn_deg;
-    object["turn_sigma_deg"] = {turn[0], turn[1], turn[2]};
+    const Eigen::Vector3d& rotation = sigma->rotation_deg;
+    object["turn_sigma_deg"] = {rotation[0], rotation[1], rotation[2]};
     const Eigen::Vector3d& shift = sigma->translation;
     object["translation_sigma"] = {shift[0], shift[1], shift[2]};
   }
@@ -168,9 +168,9 @@ std::string text_of(const face::head::PositPose& pose,
   if (sigma) {
     const Eigen::Vector3d& shift = sigma->translation;
     text += fmt::format("{:>12}  {:9.3f} {:9.3f} {:9.3f}\n", "+-", shift[0], shift[1], shift[2]);
-    const Eigen::Vector3d& turn = sigma->turn_deg;
+    const Eigen::Vector3d& rotation = sigma->rotation_deg;
     text += fmt::format("{:>12}  {:9.3f} {:9.3f} {:9.3f} degrees about x, y, z\n", "turn +-",
-                        turn[0], turn[1], turn[2]);
+                        rotation[0], rotation[1], rotation[2]);
   }
   return text + fmt::format("{:>12}  {:.3f} px, {} iterations{}\n", "rms", pose.rms,
                             pose.iterations, pose.converged ? "" : ", not converged");

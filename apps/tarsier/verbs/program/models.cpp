@@ -128,9 +128,9 @@ const ModelFile& model_named(const std::vector<ModelFile>& models, const std::st
                                meant.empty() ? "" : ", did you mean '" + meant + "'?"));
 }
 
-std::string shape_text(const std::vector<face::onnx::TensorForm>& forms) {
+std::string shape_text(const std::vector<face::onnx::TensorInfo>& forms) {
   std::string text;
-  for (const face::onnx::TensorForm& form : forms) {
+  for (const face::onnx::TensorInfo& form : forms) {
     std::vector<std::string> sizes;
     for (const std::int64_t size : form.shape)
       sizes.push_back(size < 0 ? "?" : std::to_string(size));
@@ -142,9 +142,9 @@ std::string shape_text(const std::vector<face::onnx::TensorForm>& forms) {
 // Shows a user's network for `people --embedding` and `--detector-model`. It is parsed, not run.
 ExitStatus show_own_network(const Context& context, const std::string& path) {
   const face::onnx::NetworkFile file = face::onnx::read_network_file(path);
-  const face::onnx::InputForm form = face::onnx::read_input_form(path);
+  const face::onnx::InputFormat format = face::onnx::read_input_format(path);
   const std::string licence =
-      form.licence.empty() ? std::string(face::onnx::kUnknownLicence) : form.licence;
+      format.licence.empty() ? std::string(face::onnx::kUnknownLicence) : format.licence;
   if (context.json) {
     print_json(nlohmann::ordered_json{{"name", fs::path(path).filename().string()},
                                       {"file", path},

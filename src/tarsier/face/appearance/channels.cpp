@@ -42,8 +42,8 @@ bool cut(const cv::Mat& image, const shape::Similarity2d& image_from_crop, cv::S
     }
   }
   const double around = 2 * scale + 2;
-  const auto bounded = [](double value, int most) {
-    return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(most)));
+  const auto bounded = [](double value, int upper) {
+    return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(upper)));
   };
   const int left = bounded(std::floor(low_x - around), image.cols);
   const int right = bounded(std::ceil(high_x + around) + 1, image.cols);
@@ -188,8 +188,8 @@ bool has_offset(Channels channels) {
   return channels == Channels::kGrey || channels == Channels::kColour;
 }
 
-void make_upright(const cv::Mat& image, const shape::Similarity2d& image_from_crop, cv::Size size,
-                  Channels channels, Upright& upright) {
+void make_upright_crop(const cv::Mat& image, const shape::Similarity2d& image_from_crop,
+                       cv::Size size, Channels channels, UprightCrop& upright) {
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC1 || image.type() == CV_8UC3),
                   "an image of OpenCV's type {}", image.type());
   TARSIER_REQUIRE(size.width >= 2 && size.height >= 2 && size.width <= 8000 && size.height <= 8000,

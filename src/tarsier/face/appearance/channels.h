@@ -26,7 +26,7 @@ enum class Channels { kGrey, kColour, kGradient, kOriented };
 [[nodiscard]] bool has_offset(Channels channels);
 
 // The features of a crop in which the object is upright and of the model's size.
-struct Upright {
+struct UprightCrop {
   cv::Mat values;  // CV_32FC(channel_count)
   cv::Mat inside;  // CV_8UC1, 255 where the crop is inside the image; empty: everywhere
   cv::Mat buffers[4];
@@ -35,7 +35,7 @@ struct Upright {
 // Crops `size` pixels from `image` (CV_8UC1 or CV_8UC3); pixel x of the crop is at
 // image_from_crop(x). The image is smoothed when it is reduced. Outside the image, the border is
 // replicated.
-void make_upright(const cv::Mat& image, const shape::Similarity2d& image_from_crop, cv::Size size,
-                  Channels channels, Upright& upright);
+void make_upright_crop(const cv::Mat& image, const shape::Similarity2d& image_from_crop,
+                       cv::Size size, Channels channels, UprightCrop& upright);
 
 }  // namespace tarsier::face::appearance

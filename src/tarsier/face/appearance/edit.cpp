@@ -104,9 +104,9 @@ void draw_edited(const Synthesis& synthesis, const AppearanceModel& model, cv::M
   image::draw::require_canvas(image);
   TARSIER_REQUIRE(from.cols() == model.points() && to.cols() == model.points(),
                   "{} and {} points, the model has {}", from.cols(), to.cols(), model.points());
-  const Explained seen = synthesis.explain(image, from);
+  const TextureFit fit = synthesis.fit_texture(image, from);
   cv::Mat made = image.clone();
-  synthesis.draw(seen.c, seen.offset, seen.gain, to, made);
+  synthesis.draw(fit.c, fit.offset, fit.gain, to, made);
   // The inside of a mouth that was closed in the image is darker.
   const double opened = 1 - std::min(1.0, mouth_area(from) / std::max(1.0, mouth_area(to)));
   made.convertTo(made, -1, 1 - (1 - kInside) * opened);

@@ -29,7 +29,7 @@ class EditTest : public ::testing::Test {
   cv::Mat image_;
 };
 
-TEST_F(EditTest, TheMouthOpensAndTheEyesStay) {
+TEST_F(EditTest, OpenMouthMovesLipsAndKeepsEyes) {
   const Eigen::Matrix2Xd open = edited_points(model(), points_, FaceEdit::kOpenMouth);
   EXPECT_GT(mouth_of(open), mouth_of(points_) + 12);
   EXPECT_LT((open - points_).middleCols(36, 12).colwise().norm().maxCoeff(), 8);
@@ -38,12 +38,12 @@ TEST_F(EditTest, TheMouthOpensAndTheEyesStay) {
   EXPECT_LT(mouth_of(half), mouth_of(open));
 }
 
-TEST_F(EditTest, TheBrowsRise) {
+TEST_F(EditTest, RaiseBrowsMovesBrowsUp) {
   const Eigen::Matrix2Xd raised = edited_points(model(), points_, FaceEdit::kRaiseBrows);
   EXPECT_GT(brows_of(raised), brows_of(points_) + 3);
 }
 
-TEST_F(EditTest, NothingChangesWithoutAChange) {
+TEST_F(EditTest, ZeroAmountChangesNothing) {
   const Eigen::Matrix2Xd same = edited_points(model(), points_, FaceEdit::kOpenMouth, 0);
   EXPECT_LT((same - points_).cwiseAbs().maxCoeff(), 1e-6);
   cv::Mat drawn = image_.clone();
@@ -52,7 +52,7 @@ TEST_F(EditTest, NothingChangesWithoutAChange) {
   EXPECT_LT(cv::norm(drawn, image_, cv::NORM_L1) / static_cast<double>(image_.total()), 1.5);
 }
 
-TEST_F(EditTest, TheImageGoesWithThePoints) {
+TEST_F(EditTest, DrawEditedMovesPixelsWithPoints) {
   const Eigen::Matrix2Xd open = edited_points(model(), points_, FaceEdit::kOpenMouth);
   cv::Mat drawn = image_.clone();
   draw_edited(synthesis_, model(), drawn, points_, open);
@@ -64,7 +64,7 @@ TEST_F(EditTest, TheImageGoesWithThePoints) {
   EXPECT_GT(cv::norm(drawn, image_, cv::NORM_INF), 20);
 }
 
-TEST_F(EditTest, RefusesOtherPoints) {
+TEST_F(EditTest, RejectsInvalidPointsAndAmounts) {
   EXPECT_THROW((void)edited_points(model(), points_.leftCols(60), FaceEdit::kOpenMouth),
                std::invalid_argument);
   EXPECT_THROW((void)edited_points(model(), points_, FaceEdit::kOpenMouth, 3),

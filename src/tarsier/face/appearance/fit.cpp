@@ -24,7 +24,7 @@ constexpr NameTable<FitStatus, 3> kStatuses{"status",
 // Max share of folded triangles: thin ones between closed lips fold even in annotations.
 constexpr double kMaxFolded = 0.15;
 // A last error that exceeds the best one by this factor means divergence.
-constexpr double kWorse = 1.03;
+constexpr double kMaxErrorRatio = 1.03;
 
 // Number of modes that explain a share of the shape's variance.
 int modes_for(const shape::ShapeModel& model, double share) {
@@ -104,12 +104,13 @@ FitResult Fitter::fit_best(const cv::Mat& image, const std::vector<Matrix2Xd>& s
   const int finest = impl_->options.finest;
   if (starts.size() == 1) return run(image, starts[0], coarsest, finest, false, workspace);
   std::vector<FitResult> results;
-  const bool in_two = coarsest > finest;
+  const bool has_two_stages = coarsest > finest;
   for (const Matrix2Xd& start : starts)
-    results.push_back(run(image, start, coarsest, in_two ? finest + 1 : finest, false, workspace));
+    results.push_back(
+        run(image, start, coarsest, has_two_stages ? finest + 1 : finest, false, workspace));
   const auto better = [](const FitResult& a, const FitResult& b) { return a.error < b.error; };
   std::stable_sort(results.begin(), results.end(), better);
-  if (!in_two) return std::move(results.front());
+  if (!has_two_stages) return std::move(results.front());
   FitResult best;
   for (std::size_t k = 0; k < std::min<std::size_t>(2, results.size()); ++k) {
     FitResult result = run(image, results[k].points, finest, finest, false, workspace);
@@ -121,7 +122,7 @@ FitResult Fitter::fit_best(const cv::Mat& image, const std::vector<Matrix2Xd>& s
 }
 
 FitResult Fitter::run(const cv::Mat& image, const Matrix2Xd& start, int coarsest, int finest,
-                      bool with_last, FitWorkspace& w) const {
+                      bool reuse_texture, FitWorkspace& w) const {
   const AppearanceModel& model = *impl_->model;
   const FitOptions& options = impl_->options;
   TARSIER_REQUIRE(start.cols() == model.points(), "a start of {} points, the model has {}",
@@ -131,22 +132,22 @@ FitResult Fitter::run(const cv::Mat& image, const Matrix2Xd& start, int coarsest
   FitResult result;
   result.points = start;
   // Discard the templates of earlier images, unless they are requested.
-  if (!with_last) {
-    for (FitTemplate& made : w.templates) made.level = nullptr;
+  if (!reuse_texture) {
+    for (FitTemplate& fit_template : w.templates) fit_template.level = nullptr;
   }
   LevelState best;
-  bool has_left = false;
+  bool has_left_crop = false;
   for (int l = coarsest; l >= finest; --l) {
     const FitLevel& level = impl_->levels[static_cast<std::size_t>(l)];
     const shape::ShapeFit now = shape::fit_shape(model.shape, result.points, {}, options.sigmas);
     TARSIER_REQUIRE(now.image_from_model.scale() > 1e-6, "points that coincide");
     const shape::Similarity2d image_from_crop =
-        now.image_from_model * level.place.crop_from_model.inverse();
-    make_upright(image, image_from_crop, level.place.size, level.texture->channels, w.upright);
+        now.image_from_model * level.crop.crop_from_model.inverse();
+    make_upright_crop(image, image_from_crop, level.crop.size, level.texture->channels, w.upright);
     const double scale = level.texture->px_per_unit;
     w.p = scale * now.b;
     if (level.parameters - 4 < w.p.size()) w.p.tail(w.p.size() - (level.parameters - 4)).setZero();
-    set_points(level, 1, 0, {level.place.crop_from_model.tx, level.place.crop_from_model.ty}, w);
+    set_points(level, 1, 0, {level.crop.crop_from_model.tx, level.crop.crop_from_model.ty}, w);
     w.best_points = w.points;
     w.best_p = w.p;
     LevelState state;
@@ -156,7 +157,7 @@ FitResult Fitter::run(const cv::Mat& image, const Matrix2Xd& start, int coarsest
     bool is_out = false;
     double last_error = 2;
     for (int iteration = 0;; ++iteration) {
-      look(level, w, state);
+      sample_texture(level, w, state);
       if (iteration == 0) result.start_error = state.error;
       if (state.error < best.error) {
         best = state;
@@ -173,10 +174,10 @@ FitResult Fitter::run(const cv::Mat& image, const Matrix2Xd& start, int coarsest
       if (options.method == Method::kAlternating) {
         if (iteration == 0) {
           const auto index = static_cast<std::size_t>(l);
-          if (with_last && index < w.templates.size() && w.templates[index].level == &level) {
+          if (reuse_texture && index < w.templates.size() && w.templates[index].level == &level) {
             w.c = w.templates[index].c;
           } else {
-            start_texture(level, w, l == coarsest && !with_last);
+            init_texture(level, w, l == coarsest && !reuse_texture);
           }
         }
         solve_alternating(level, options, w);
@@ -186,7 +187,7 @@ FitResult Fitter::run(const cv::Mat& image, const Matrix2Xd& start, int coarsest
         solve_project_out(level, w);
       }
       ++result.iterations;
-      if (!update_warp(level, options, w) || !is_in_crop(w.points, level.place.size)) {
+      if (!update_warp(level, options, w) || !is_in_crop(w.points, level.crop.size)) {
         is_out = true;
         break;
       }
@@ -195,18 +196,19 @@ FitResult Fitter::run(const cv::Mat& image, const Matrix2Xd& start, int coarsest
       // One more iteration, to compute the error at the final points.
       if (step < options.tolerance) result.status = FitStatus::kConverged;
     }
-    if (is_out || state.error > kWorse * best.error) {
+    if (is_out || state.error > kMaxErrorRatio * best.error) {
       result.status = FitStatus::kDiverged;
       w.points = w.best_points;
       w.p = w.best_p;
     }
     if (l == finest) {
-      has_left = is_out;
-      if (result.status == FitStatus::kDiverged) look(level, w, state);
+      has_left_crop = is_out;
+      if (result.status == FitStatus::kDiverged) sample_texture(level, w, state);
       const auto& texture = *level.texture;
       const double root = std::sqrt(static_cast<double>(texture.size()));
-      const double part = static_cast<double>(w.along[0]) / root;
-      result.c = w.along.tail(texture.mode_count()).cast<double>() / (part > 1e-9 ? part : 1);
+      const double part = static_cast<double>(w.mode_coefficients[0]) / root;
+      result.c =
+          w.mode_coefficients.tail(texture.mode_count()).cast<double>() / (part > 1e-9 ? part : 1);
       result.offset = state.offset;
       result.gain = state.gain;
       result.error = state.error;
@@ -217,8 +219,8 @@ FitResult Fitter::run(const cv::Mat& image, const Matrix2Xd& start, int coarsest
   }
   result.shape.image_from_model =
       shape::fit_similarity(shape::shape_of(model.shape, result.shape.b), result.points);
-  const int folded = shape::folded(model.mesh, model.extended(result.points));
-  result.lost = has_left || result.inside < 0.5 || result.gain <= 0 ||
+  const int folded = shape::count_folded(model.mesh, model.extended(result.points));
+  result.lost = has_left_crop || result.inside < 0.5 || result.gain <= 0 ||
                 (model.lost_error > 0 && result.error > model.lost_error) ||
                 folded > kMaxFolded * static_cast<double>(model.mesh.size());
   return result;

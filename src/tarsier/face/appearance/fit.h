@@ -123,16 +123,16 @@ struct FitTemplate {
 // Buffers of a fit. The iterations of the plain project-out fit allocate nothing after the first
 // fit (the alternating fit needs buffers of Eigen's matrix product). One per thread.
 struct FitWorkspace {
-  Upright upright;
+  UprightCrop upright;
   std::vector<FrameSampler::Affine> maps;
   std::vector<std::uint8_t> inside;
   std::vector<float> buffer;
-  Eigen::VectorXf seen;
+  Eigen::VectorXf sampled;
   Eigen::VectorXf residual;
   Eigen::VectorXf weights;             // per pixel
   Eigen::VectorXf target;              // gain mean + modes c
   Eigen::VectorXf products;            // SD . error
-  Eigen::VectorXf along;               // basis . seen
+  Eigen::VectorXf mode_coefficients;   // basis . sampled
   Eigen::VectorXf c;                   // of mean and modes
   std::vector<FitTemplate> templates;  // of the levels
   Eigen::MatrixXf descent;             // N x K
@@ -182,7 +182,7 @@ class Fitter {
 
  private:
   FitResult run(const cv::Mat& image, const Eigen::Matrix2Xd& start, int coarsest, int finest,
-                bool with_last, FitWorkspace& workspace) const;
+                bool reuse_texture, FitWorkspace& workspace) const;
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

@@ -12,7 +12,8 @@ using Eigen::VectorXf;
 
 namespace {
 
-constexpr double kHuber = 1.345;  // residuals up to this number of deviations have full weight
+constexpr double kHuberThreshold =
+    1.345;  // residuals up to this number of deviations have full weight
 
 // Sum and sum of squares, accumulated in parts that single precision can represent.
 struct Sums {
@@ -32,7 +33,7 @@ Sums sums_of(const float* values, Index count) {
 
 }  // namespace
 
-void look(const FitLevel& level, FitWorkspace& w, LevelState& state) {
+void sample_texture(const FitLevel& level, FitWorkspace& w, LevelState& state) {
   const Texture& texture = *level.texture;
   const Index n = texture.size();
   const auto count = static_cast<double>(n);
@@ -46,9 +47,9 @@ void look(const FitLevel& level, FitWorkspace& w, LevelState& state) {
       w.all_points.col(at++) = w.points.col(i) + level.model->margin * (w.points.col(i) - center);
   }
   level.sampler.maps(w.all_points, w.maps);
-  w.seen.resize(n);
-  level.sampler.sample(w.upright.values, w.maps, w.seen.data());
-  w.along.resize(level.modes.cols());
+  w.sampled.resize(n);
+  level.sampler.sample(w.upright.values, w.maps, w.sampled.data());
+  w.mode_coefficients.resize(level.modes.cols());
 
   const bool with_offset = has_offset(texture.channels);
   state.inside = 1;
@@ -56,12 +57,12 @@ void look(const FitLevel& level, FitWorkspace& w, LevelState& state) {
   double used = count;
   const bool is_partial = !w.upright.inside.empty();
   if (!is_partial) {
-    sums = sums_of(w.seen.data(), n);
+    sums = sums_of(w.sampled.data(), n);
   } else {
     const int in_image = level.sampler.look_up(w.upright.inside, w.maps, w.inside);
     state.inside = in_image / static_cast<double>(level.sampler.pixels());
     used = std::max(1.0, in_image * static_cast<double>(level.channels));
-    const float* value = w.seen.data();
+    const float* value = w.sampled.data();
     for (const std::uint8_t in : w.inside) {
       for (int c = 0; c < level.channels; ++c, ++value) {
         if (in == 0) continue;
@@ -74,40 +75,44 @@ void look(const FitLevel& level, FitWorkspace& w, LevelState& state) {
   const double variance = sums.square / used - state.offset * state.offset;
   const double rms = std::sqrt(std::max(0.0, variance));
   const double factor = rms > 1e-9 ? level.unit / rms : 0;
-  w.seen.array() = (w.seen.array() - static_cast<float>(state.offset)) * static_cast<float>(factor);
+  w.sampled.array() =
+      (w.sampled.array() - static_cast<float>(state.offset)) * static_cast<float>(factor);
   if (is_partial) {
     // Pixels outside the image are set to the mean texture, so that they have no effect.
-    double along = 0;
+    double projection = 0;
     double square = 0;
     const float* mean = texture.mean.data();
-    float* value = w.seen.data();
+    float* value = w.sampled.data();
     std::size_t k = 0;
     for (Index i = 0; i < n; ++i) {
       k = static_cast<std::size_t>(i / level.channels);
       if (w.inside[k] == 0) continue;
-      along += static_cast<double>(mean[i]) * static_cast<double>(value[i]);
+      projection += static_cast<double>(mean[i]) * static_cast<double>(value[i]);
       square += static_cast<double>(mean[i]) * static_cast<double>(mean[i]);
     }
-    const auto gain = static_cast<float>(square > 0 ? along / square : 0);
+    const auto gain = static_cast<float>(square > 0 ? projection / square : 0);
     for (Index i = 0; i < n; ++i) {
       k = static_cast<std::size_t>(i / level.channels);
       if (w.inside[k] == 0) value[i] = gain * mean[i];
     }
   }
-  w.along.noalias() = level.modes.transpose() * w.seen;
+  w.mode_coefficients.noalias() = level.modes.transpose() * w.sampled;
   const double square =
-      is_partial ? static_cast<double>(w.seen.squaredNorm()) : count * level.unit * level.unit;
+      is_partial ? static_cast<double>(w.sampled.squaredNorm()) : count * level.unit * level.unit;
   state.error =
       factor > 0 && square > 0
-          ? std::sqrt(std::max(0.0, square - static_cast<double>(w.along.squaredNorm())) / square)
+          ? std::sqrt(
+                std::max(0.0, square - static_cast<double>(w.mode_coefficients.squaredNorm())) /
+                square)
           : 1;
-  // In units of the image: seen = factor (image - offset).
-  state.gain = factor > 0 ? static_cast<double>(w.along[0]) / std::sqrt(count) / factor : 0;
+  // In units of the image: sampled = factor (image - offset).
+  state.gain =
+      factor > 0 ? static_cast<double>(w.mode_coefficients[0]) / std::sqrt(count) / factor : 0;
 }
 
 void solve_project_out(const FitLevel& level, FitWorkspace& w) {
   w.products.resize(level.parameters);
-  w.products.noalias() = level.descent.transpose() * w.seen;
+  w.products.noalias() = level.descent.transpose() * w.sampled;
   w.right.resize(level.parameters);
   w.right = w.products.cast<double>();
   w.right.tail(level.parameters - 4).array() +=
@@ -116,8 +121,8 @@ void solve_project_out(const FitLevel& level, FitWorkspace& w) {
   w.step.noalias() = level.inverse_hessian * w.right;
 }
 
-void start_texture(const FitLevel& level, FitWorkspace& w, bool from_mean) {
-  w.c = w.along.cwiseProduct(level.mode_weights);
+void init_texture(const FitLevel& level, FitWorkspace& w, bool from_mean) {
+  w.c = w.mode_coefficients.cwiseProduct(level.mode_weights);
   if (!from_mean) return;
   w.c.setZero();
   w.c[0] = std::sqrt(static_cast<float>(level.texture->size()));
@@ -126,38 +131,39 @@ void start_texture(const FitLevel& level, FitWorkspace& w, bool from_mean) {
 const FitTemplate& template_of(const FitLevel& level, const FitOptions& options, FitWorkspace& w) {
   const auto index = static_cast<std::size_t>(level.index);
   if (w.templates.size() <= index) w.templates.resize(index + 1);
-  FitTemplate& made = w.templates[index];
-  if (made.level == &level && made.c.size() == w.c.size()) {
-    const float change = (w.c - made.c).squaredNorm();
-    const auto most = static_cast<float>(options.refresh * options.refresh);
-    if (change <= most * made.c.squaredNorm() && options.refresh > 0) return made;
+  FitTemplate& fit_template = w.templates[index];
+  if (fit_template.level == &level && fit_template.c.size() == w.c.size()) {
+    const float change = (w.c - fit_template.c).squaredNorm();
+    const auto max_change = static_cast<float>(options.refresh * options.refresh);
+    if (change <= max_change * fit_template.c.squaredNorm() && options.refresh > 0)
+      return fit_template;
   }
-  made.level = &level;
-  made.c = w.c;
+  fit_template.level = &level;
+  fit_template.c = w.c;
   w.target.resize(level.texture->size());
   w.target.noalias() = level.modes * w.c;
-  steepest_descent(level, w.target.data(), made.descent);
+  steepest_descent(level, w.target.data(), fit_template.descent);
   if (has_offset(level.texture->channels)) {
-    for (Index k = 0; k < made.descent.cols(); ++k)
-      made.descent.col(k).array() -= made.descent.col(k).mean();
+    for (Index k = 0; k < fit_template.descent.cols(); ++k)
+      fit_template.descent.col(k).array() -= fit_template.descent.col(k).mean();
   }
-  made.overlap.resize(level.modes.cols(), level.parameters);
-  made.overlap.noalias() = level.modes.transpose() * made.descent;
+  fit_template.overlap.resize(level.modes.cols(), level.parameters);
+  fit_template.overlap.noalias() = level.modes.transpose() * fit_template.descent;
   if (options.robust) {
-    w.scaled_overlap = level.mode_weights.asDiagonal() * made.overlap;
-    made.projected = made.descent;
-    made.projected.noalias() -= level.modes * w.scaled_overlap;
-    return made;
+    w.scaled_overlap = level.mode_weights.asDiagonal() * fit_template.overlap;
+    fit_template.projected = fit_template.descent;
+    fit_template.projected.noalias() -= level.modes * w.scaled_overlap;
+    return fit_template;
   }
   w.normal.setZero(level.parameters, level.parameters);
-  w.normal.selfadjointView<Eigen::Lower>().rankUpdate(made.descent.transpose());
-  w.scaled_overlap = level.mode_weights.cwiseSqrt().asDiagonal() * made.overlap;
+  w.normal.selfadjointView<Eigen::Lower>().rankUpdate(fit_template.descent.transpose());
+  w.scaled_overlap = level.mode_weights.cwiseSqrt().asDiagonal() * fit_template.overlap;
   w.normal.selfadjointView<Eigen::Lower>().rankUpdate(w.scaled_overlap.transpose(), -1.0F);
   w.hessian = w.normal.cast<double>();
   w.hessian.diagonal().array() += 1e-6 * w.hessian.diagonal().maxCoeff() + 1e-12;
   w.hessian.diagonal() += level.shape_prior;
-  made.solver.compute(w.hessian);
-  return made;
+  fit_template.solver.compute(w.hessian);
+  return fit_template;
 }
 
 void solve_alternating(const FitLevel& level, const FitOptions& options, FitWorkspace& w) {
@@ -168,32 +174,33 @@ void solve_alternating(const FitLevel& level, const FitOptions& options, FitWork
   w.c[0] = std::clamp(w.c[0], 0.3F * root, 2 * root);
   const float gain = w.c[0] / root;
   for (Index k = 0; k < m; ++k) {
-    const float most = static_cast<float>(3 * texture.deviation[k]) * gain;
-    w.c[1 + k] = std::clamp(w.c[1 + k], -most, most);
+    const float max_c = static_cast<float>(3 * texture.deviation[k]) * gain;
+    w.c[1 + k] = std::clamp(w.c[1 + k], -max_c, max_c);
   }
-  const FitTemplate& made = template_of(level, options, w);
+  const FitTemplate& fit_template = template_of(level, options, w);
   if (options.robust) {
-    solve_robust(level, w, made.projected);
+    solve_robust(level, w, fit_template.projected);
   } else {
     w.products.resize(level.parameters);
-    w.products.noalias() = made.descent.transpose() * w.seen;
-    w.products.noalias() -= made.overlap.transpose() * level.mode_weights.cwiseProduct(w.along);
+    w.products.noalias() = fit_template.descent.transpose() * w.sampled;
+    w.products.noalias() -=
+        fit_template.overlap.transpose() * level.mode_weights.cwiseProduct(w.mode_coefficients);
     w.right = w.products.cast<double>();
     w.right.tail(level.parameters - 4).array() +=
         level.shape_prior.tail(level.parameters - 4).array() *
         w.p.head(level.parameters - 4).array();
-    w.step = made.solver.solve(w.right);
+    w.step = fit_template.solver.solve(w.right);
   }
   // The texture parameters after the step of the warp.
-  w.c = w.along - made.overlap * w.step.cast<float>();
+  w.c = w.mode_coefficients - fit_template.overlap * w.step.cast<float>();
   w.c = w.c.cwiseProduct(level.mode_weights);
 }
 
 void solve_robust(const FitLevel& level, FitWorkspace& w, const MatrixXf& descent) {
   const int channels = level.channels;
   const auto pixels = static_cast<Index>(level.neighbours.size());
-  w.residual = w.seen;
-  w.residual.noalias() -= level.modes * w.along;
+  w.residual = w.sampled;
+  w.residual.noalias() -= level.modes * w.mode_coefficients;
   w.buffer.resize(static_cast<std::size_t>(pixels));
   w.weights.resize(pixels);
   for (Index i = 0; i < pixels; ++i) {
@@ -205,9 +212,9 @@ void solve_robust(const FitLevel& level, FitWorkspace& w, const MatrixXf& descen
     w.weights[i] = std::sqrt(square);
     w.buffer[static_cast<std::size_t>(i)] = w.weights[i];
   }
-  auto middle = w.buffer.begin() + static_cast<std::ptrdiff_t>(w.buffer.size() / 2);
-  std::nth_element(w.buffer.begin(), middle, w.buffer.end());
-  const float limit = static_cast<float>(kHuber * 1.4826) * *middle + 1e-12F;
+  auto median = w.buffer.begin() + static_cast<std::ptrdiff_t>(w.buffer.size() / 2);
+  std::nth_element(w.buffer.begin(), median, w.buffer.end());
+  const float limit = static_cast<float>(kHuberThreshold * 1.4826) * *median + 1e-12F;
   for (Index i = 0; i < pixels; ++i)
     w.weights[i] = w.weights[i] <= limit ? 1 : limit / w.weights[i];
   // sqrt(w) J and sqrt(w) e.
@@ -289,9 +296,9 @@ bool update_warp(const FitLevel& level, const FitOptions& options, FitWorkspace&
   w.p.head(modes).noalias() = level.basis.rightCols(modes).transpose() *
                               Eigen::Map<const Eigen::VectorXd>(w.frame_step.data(), 2 * n);
   for (Index k = 0; k < modes; ++k) {
-    const double most =
+    const double max_p =
         options.sigmas * level.model->shape.deviation[k] * level.texture->px_per_unit;
-    w.p[k] = std::clamp(w.p[k], -most, most);
+    w.p[k] = std::clamp(w.p[k], -max_p, max_p);
   }
   set_points(level, a, b, center, w);
   return true;

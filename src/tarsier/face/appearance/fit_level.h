@@ -16,7 +16,7 @@ struct FitLevel {
   const AppearanceModel* model = nullptr;
   const Texture* texture = nullptr;
   FrameSampler sampler;
-  CropPlace place;
+  CropFrame crop;
   int index = 0;  // 0: the finest
   int channels = 1;
   int parameters = 4;     // K: 4 + number of modes used at this level
@@ -41,8 +41,8 @@ struct FitLevel {
   Eigen::MatrixXf descent;          // N x K, steepest-descent images of the mean, projected
   Eigen::MatrixXd inverse_hessian;  // K x K
 
-  FitLevel(const AppearanceModel& whole, const Texture& seen)
-      : model(&whole), texture(&seen), sampler(seen.warp) {}
+  FitLevel(const AppearanceModel& whole, const Texture& level_texture)
+      : model(&whole), texture(&level_texture), sampler(level_texture.warp) {}
 };
 
 [[nodiscard]] FitLevel make_level(const AppearanceModel& model, const Texture& texture,
@@ -60,13 +60,13 @@ struct LevelState {
   double inside = 1;
 };
 
-// Warps and normalises: sets workspace.seen (RMS level.unit) and workspace.along (its coefficients
+// Warps and normalises: sets workspace.sampled (RMS level.unit) and workspace.mode_coefficients (its coefficients
 // of the modes).
-void look(const FitLevel& level, FitWorkspace& workspace, LevelState& state);
+void sample_texture(const FitLevel& level, FitWorkspace& workspace, LevelState& state);
 
 // Sets the initial texture of the alternating fit, workspace.c: the mean texture, or the best one
 // for the current warp.
-void start_texture(const FitLevel& level, FitWorkspace& workspace, bool from_mean);
+void init_texture(const FitLevel& level, FitWorkspace& workspace, bool from_mean);
 // The template of workspace.c; recomputed if c has changed or the template is of another level.
 const FitTemplate& template_of(const FitLevel& level, const FitOptions& options,
                                FitWorkspace& workspace);

@@ -99,7 +99,7 @@ void steepest_descent(const FitLevel& level, const float* target, MatrixXf& out)
 FitLevel make_level(const AppearanceModel& model, const Texture& texture, const FitOptions& options,
                     int modes) {
   FitLevel level(model, texture);
-  level.place = crop_place(texture);
+  level.crop = crop_frame(texture);
   level.channels = channel_count(texture.channels);
   TARSIER_REQUIRE(level.channels <= 8, "{} channels", level.channels);
   level.parameters = 4 + modes;

@@ -26,16 +26,16 @@ double mean_error(const Eigen::Matrix2Xd& points, const TrainingImage& truth) {
 }
 
 // The mean shape at the object, displaced by a tenth of its size.
-Eigen::Matrix2Xd off_start(const TrainingImage& image, Rng& rng) {
-  shape::Similarity2d place = shape::fit_similarity(model().shape.mean, image.points);
-  place.tx += rng.uniform(-4, 4);
-  place.ty += rng.uniform(-4, 4);
-  return place(model().shape.mean);
+Eigen::Matrix2Xd disturbed_start(const TrainingImage& image, Rng& rng) {
+  shape::Similarity2d similarity = shape::fit_similarity(model().shape.mean, image.points);
+  similarity.tx += rng.uniform(-4, 4);
+  similarity.ty += rng.uniform(-4, 4);
+  return similarity(model().shape.mean);
 }
 
 class FitMethodTest : public ::testing::TestWithParam<Method> {};
 
-TEST_P(FitMethodTest, FindsShapesItNeverSaw) {
+TEST_P(FitMethodTest, FitsUnseenImages) {
   FitOptions options;
   options.method = GetParam();
   const Fitter fitter(model(), options);
@@ -43,7 +43,7 @@ TEST_P(FitMethodTest, FindsShapesItNeverSaw) {
   Rng rng(5);
   int right = 0;
   for (const TrainingImage& unseen : testing::portraits(12, 77)) {
-    const Eigen::Matrix2Xd start = off_start(unseen, rng);
+    const Eigen::Matrix2Xd start = disturbed_start(unseen, rng);
     const FitResult fit = fitter.fit(unseen.image, start, workspace);
     if (mean_error(fit.points, unseen) < 1.0 && !fit.lost) ++right;
   }
@@ -53,13 +53,13 @@ TEST_P(FitMethodTest, FindsShapesItNeverSaw) {
 INSTANTIATE_TEST_SUITE_P(Both, FitMethodTest,
                          ::testing::Values(Method::kProjectOut, Method::kAlternating));
 
-TEST(Fit, IsTheSameEachTime) {
+TEST(Fit, DoesNotDependOnEarlierFits) {
   const Fitter fitter(model(), {});
   FitWorkspace first;
   FitWorkspace second;
   Rng rng(5);
   const TrainingImage unseen = testing::portraits(1, 78)[0];
-  const Eigen::Matrix2Xd start = off_start(unseen, rng);
+  const Eigen::Matrix2Xd start = disturbed_start(unseen, rng);
   const FitResult a = fitter.fit(unseen.image, start, first);
   (void)fitter.fit(testing::portraits(1, 3)[0].image, start, second);
   const FitResult b = fitter.fit(unseen.image, start, second);
@@ -67,7 +67,7 @@ TEST(Fit, IsTheSameEachTime) {
   EXPECT_EQ(a.error, b.error);
 }
 
-TEST(Fit, AnImageOfSomethingElseIsLost) {
+TEST(Fit, ReportsNoiseImageAsLost) {
   const Fitter fitter(model(), {});
   FitWorkspace workspace;
   Rng rng(5);
@@ -79,20 +79,20 @@ TEST(Fit, AnImageOfSomethingElseIsLost) {
       noise.at<cv::Vec3b>(y, x) = {value, value, value};
     }
   }
-  const FitResult fit = fitter.fit(noise, off_start(unseen, rng), workspace);
+  const FitResult fit = fitter.fit(noise, disturbed_start(unseen, rng), workspace);
   EXPECT_TRUE(fit.lost || fit.error > 0.5) << fit.error;
 }
 
-TEST(Fit, AFacePartlyOutsideTheImageStaysFinite) {
+TEST(Fit, StaysFinitePartlyOutsideTheImage) {
   const Fitter fitter(model(), {});
   FitWorkspace workspace;
   Rng rng(5);
   const TrainingImage unseen = testing::portraits(1, 78)[0];
-  const Eigen::Matrix2Xd start = off_start(unseen, rng).colwise() + Eigen::Vector2d(-70, 60);
+  const Eigen::Matrix2Xd start = disturbed_start(unseen, rng).colwise() + Eigen::Vector2d(-70, 60);
   EXPECT_TRUE(fitter.fit(unseen.image, start, workspace).points.allFinite());
 }
 
-TEST(Fit, RefusesStartsThatAreNone) {
+TEST(Fit, RejectsInvalidStarts) {
   const Fitter fitter(model(), {});
   FitWorkspace workspace;
   const TrainingImage unseen = testing::portraits(1, 78)[0];

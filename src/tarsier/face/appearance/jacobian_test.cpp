@@ -50,7 +50,7 @@ class JacobianTest : public ::testing::Test {
   std::optional<FitLevel> level_;
 };
 
-TEST_F(JacobianTest, OfTheWarpIsThatOfThePointsMoved) {
+TEST_F(JacobianTest, WarpJacobianMatchesNumericDerivative) {
   const auto pixels = static_cast<Index>(level_->texture->warp.pixels().size());
   ASSERT_GT(level_->parameters, 5);
   double worst = 0;
@@ -64,7 +64,7 @@ TEST_F(JacobianTest, OfTheWarpIsThatOfThePointsMoved) {
   EXPECT_LT(worst, 1e-4);
 }
 
-TEST_F(JacobianTest, SteepestDescentImagesAreTheChangeOfTheWarpedTemplate) {
+TEST_F(JacobianTest, SteepestDescentImagesMatchNumericDerivative) {
   const auto f = [](const Vector2d& p) {
     return 50 * std::sin(0.06 * p.x() + 0.4) * std::cos(0.05 * p.y());
   };
@@ -90,12 +90,12 @@ TEST_F(JacobianTest, SteepestDescentImagesAreTheChangeOfTheWarpedTemplate) {
   }
 }
 
-TEST_F(JacobianTest, ProjectedImagesHaveNothingOfTheAppearance) {
+TEST_F(JacobianTest, ProjectedImagesAreOrthogonalToTextureModes) {
   const Eigen::MatrixXf overlap = level_->modes.transpose() * level_->descent;
   EXPECT_LT(overlap.cwiseAbs().maxCoeff(), 1e-3F * level_->descent.colwise().norm().maxCoeff());
 }
 
-TEST_F(JacobianTest, TheSimilarityIsOrthogonalToTheShapeModes) {
+TEST_F(JacobianTest, BasisIsOrthonormal) {
   const Eigen::MatrixXd gram = level_->basis.transpose() * level_->basis;
   EXPECT_LT((gram - Eigen::MatrixXd::Identity(gram.rows(), gram.cols())).cwiseAbs().maxCoeff(),
             1e-9);

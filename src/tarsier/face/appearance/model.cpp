@@ -67,38 +67,38 @@ Texture empty_texture(const AppearanceModel& model, Channels channels, double px
   return texture;
 }
 
-CropPlace crop_place(const Texture& texture) {
+CropFrame crop_frame(const Texture& texture) {
   const cv::Size frame = texture.warp.size();
   const int around = static_cast<int>(std::ceil(0.35 * std::max(frame.width, frame.height))) + 4;
   return {{texture.px_per_unit, 0, texture.origin.x() + around, texture.origin.y() + around},
           {frame.width + 2 * around, frame.height + 2 * around}};
 }
 
-Explained explain(const AppearanceModel& model, const Texture& texture, const MatrixXf& modes,
-                  const cv::Mat& image, const Matrix2Xd& points) {
+TextureFit fit_texture(const AppearanceModel& model, const Texture& texture, const MatrixXf& modes,
+                       const cv::Mat& image, const Matrix2Xd& points) {
   TARSIER_REQUIRE(points.allFinite(), "a point is not finite");
   TARSIER_REQUIRE(modes.rows() == texture.size() && modes.cols() == texture.mode_count(),
                   "modes of another texture");
-  const CropPlace place = crop_place(texture);
+  const CropFrame crop = crop_frame(texture);
   const shape::Similarity2d image_from_model = shape::fit_similarity(model.shape.mean, points);
-  const shape::Similarity2d image_from_crop = image_from_model * place.crop_from_model.inverse();
-  Upright upright;
-  make_upright(image, image_from_crop, place.size, texture.channels, upright);
+  const shape::Similarity2d image_from_crop = image_from_model * crop.crop_from_model.inverse();
+  UprightCrop upright;
+  make_upright_crop(image, image_from_crop, crop.size, texture.channels, upright);
   const FrameSampler sampler(texture.warp);
   std::vector<FrameSampler::Affine> maps;
   sampler.maps(model.extended(image_from_crop.inverse()(points)), maps);
 
-  Explained result;
-  result.seen.resize(texture.size());
-  sampler.sample(upright.values, maps, result.seen.data());
+  TextureFit result;
+  result.sampled.resize(texture.size());
+  sampler.sample(upright.values, maps, result.sampled.data());
   if (!upright.inside.empty()) {
     std::vector<std::uint8_t> inside;
     result.inside =
         sampler.look_up(upright.inside, maps, inside) / static_cast<double>(sampler.pixels());
   }
   const auto n = static_cast<double>(texture.size());
-  if (has_offset(texture.channels)) result.offset = static_cast<double>(result.seen.sum()) / n;
-  const VectorXf g = result.seen.array() - static_cast<float>(result.offset);
+  if (has_offset(texture.channels)) result.offset = static_cast<double>(result.sampled.sum()) / n;
+  const VectorXf g = result.sampled.array() - static_cast<float>(result.offset);
   result.gain = static_cast<double>(g.dot(texture.mean)) / n;
   const VectorXf c = modes.transpose() * g;
   const double square = static_cast<double>(g.squaredNorm());

@@ -72,8 +72,8 @@ struct AppearanceOptions {
 // The mean has RMS 1. Modes are orthonormal, and orthogonal to the mean and (if has_offset) to
 // constants.
 struct Texture {
-  Texture(shape::PiecewiseWarp frame_warp, Channels seen)
-      : warp(std::move(frame_warp)), channels(seen) {}
+  Texture(shape::PiecewiseWarp frame_warp, Channels texture_channels)
+      : warp(std::move(frame_warp)), channels(texture_channels) {}
 
   shape::PiecewiseWarp warp;
   Channels channels;
@@ -86,9 +86,9 @@ struct Texture {
   Eigen::VectorXf steps;                                                    // m
   Eigen::VectorXd deviation;                                                // m, of c, falling
   double variance_kept = 1;
-  double noise = 0;  // RMS of the part of a number that the modes do not explain, in training
-  double usual_offset = 0;  // means over the training textures, for synthesis
-  double usual_gain = 1;
+  double noise = 0;        // RMS of the part of a number that the modes do not explain, in training
+  double mean_offset = 0;  // means over the training textures, for synthesis
+  double mean_gain = 1;
 
   [[nodiscard]] int size() const { return static_cast<int>(mean.size()); }
   [[nodiscard]] int mode_count() const { return static_cast<int>(deviation.size()); }
@@ -98,11 +98,11 @@ struct Texture {
 // The position of a shape in a detector's box, medians over training. Shapes are upright, with
 // their centre (mean of the points) at the box centre + (dx, dy) * width and RMS radius size *
 // width.
-struct BoxPlace {
+struct ShapeInBox {
   double dx = 0;
   double dy = 0;
   double size = 0.4;
-  int seen = 0;  // boxes; 0: unknown
+  int boxes = 0;  // that it was learned from; 0: unknown
 };
 
 struct AppearanceModel {
@@ -116,7 +116,7 @@ struct AppearanceModel {
   std::optional<Texture> colour;  // for synthesis
   // Fit errors (FitResult::error) above this mean that the object is not there; 0: unknown.
   double lost_error = 0;
-  BoxPlace place;
+  ShapeInBox shape_in_box;
 
   [[nodiscard]] int points() const { return shape.points(); }
   // The points of the frame for a shape (2 x points() to 2 x (points() + outer.size())).
@@ -133,27 +133,27 @@ struct AppearanceModel {
                                                      const std::stop_token& stop);
 
 // A texture sampled from an image, and its reconstruction by the model.
-struct Explained {
-  Eigen::VectorXf seen;  // N, as sampled
+struct TextureFit {
+  Eigen::VectorXf sampled;  // N
   double offset = 0;
   double gain = 0;
   Eigen::VectorXd c;  // m
-  // RMS of the part of (seen - offset) that the model does not explain / RMS of (seen - offset): 0
+  // RMS of the part of (sampled - offset) that the model does not explain / RMS of (sampled - offset): 0
   // everything is explained, 1 nothing.
   double error = 0;
   double inside = 1;  // share of the frame's pixels in the image
 };
 // `points`: 2 x points(), px of `image` (CV_8UC1, CV_8UC3). `modes` = texture.modes().
-[[nodiscard]] Explained explain(const AppearanceModel& model, const Texture& texture,
-                                const Eigen::MatrixXf& modes, const cv::Mat& image,
-                                const Eigen::Matrix2Xd& points);
+[[nodiscard]] TextureFit fit_texture(const AppearanceModel& model, const Texture& texture,
+                                     const Eigen::MatrixXf& modes, const cv::Mat& image,
+                                     const Eigen::Matrix2Xd& points);
 
 // The crop in which a texture is sampled: the frame with a margin.
-struct CropPlace {
+struct CropFrame {
   shape::Similarity2d crop_from_model;
   cv::Size size;
 };
-[[nodiscard]] CropPlace crop_place(const Texture& texture);
+[[nodiscard]] CropFrame crop_frame(const Texture& texture);
 
 // The frame of a model at a given resolution, with an empty texture.
 [[nodiscard]] Texture empty_texture(const AppearanceModel& model, Channels channels,

@@ -41,8 +41,8 @@ void list_texture(linalg::ModelFields& file, Texture& texture) {
   file.list<double>("deviation", texture.deviation, count);
   file.number("variance_kept", texture.variance_kept, 0, 1);
   file.number("noise", texture.noise, 0, 1e6);
-  file.number("usual_offset", texture.usual_offset, -1e6, 1e6);
-  file.number("usual_gain", texture.usual_gain, 0, 1e6);
+  file.number("usual_offset", texture.mean_offset, -1e6, 1e6);
+  file.number("usual_gain", texture.mean_gain, 0, 1e6);
 }
 
 Texture texture_from_json(const AppearanceModel& model, const json& value,
@@ -88,11 +88,11 @@ void list_shape(linalg::ModelFields& file, AppearanceModel& model) {
     for (std::size_t k = 0; k + 2 < corners.size(); k += 3)
       model.mesh.push_back({corners[k], corners[k + 1], corners[k + 2]});
   file.number("lost_error", model.lost_error, 0, 1e6);
-  file.part("place", model.place, [](linalg::ModelFields& part, BoxPlace& place) {
-    part.number("dx", place.dx, -10, 10);
-    part.number("dy", place.dy, -10, 10);
-    part.number("size", place.size, 1e-3, 10);
-    part.whole("seen", place.seen, 0, 1'000'000'000);
+  file.part("place", model.shape_in_box, [](linalg::ModelFields& part, ShapeInBox& shape_in_box) {
+    part.number("dx", shape_in_box.dx, -10, 10);
+    part.number("dy", shape_in_box.dy, -10, 10);
+    part.number("size", shape_in_box.size, 1e-3, 10);
+    part.whole("seen", shape_in_box.boxes, 0, 1'000'000'000);
   });
 }
 

@@ -18,7 +18,7 @@ AppearanceModel trained() {
   return train_appearance_model(testing::portraits(30, 1), {}, {}, silent, {});
 }
 
-TEST(AppearanceModel, FindsTheModesOfItsImages) {
+TEST(AppearanceModel, LearnsShapeAndTextureModes) {
   const AppearanceModel model = trained();
   EXPECT_EQ(model.points(), 16);
   EXPECT_GE(model.shape.mode_count(), 2);
@@ -27,15 +27,15 @@ TEST(AppearanceModel, FindsTheModesOfItsImages) {
   EXPECT_GE(model.levels[0].mode_count(), 1);
 }
 
-TEST(AppearanceModel, ExplainsItsOwnImages) {
+TEST(AppearanceModel, ReconstructsTrainingImages) {
   const AppearanceModel model = trained();
   const Texture& texture = model.levels[0];
   const Eigen::MatrixXf modes = texture.modes();
   for (const TrainingImage& own : testing::portraits(5, 1)) {
-    EXPECT_LT(explain(model, texture, modes, own.image, own.points).error, 0.35);
-    const Eigen::Matrix2Xd off = own.points.colwise() + Eigen::Vector2d(18, -14);
-    EXPECT_GT(explain(model, texture, modes, own.image, off).error,
-              explain(model, texture, modes, own.image, own.points).error);
+    EXPECT_LT(fit_texture(model, texture, modes, own.image, own.points).error, 0.35);
+    const Eigen::Matrix2Xd displaced = own.points.colwise() + Eigen::Vector2d(18, -14);
+    EXPECT_GT(fit_texture(model, texture, modes, own.image, displaced).error,
+              fit_texture(model, texture, modes, own.image, own.points).error);
   }
 }
 
@@ -50,7 +50,7 @@ TEST(AppearanceModel, IsTheSameForAnyNumberOfThreads) {
   EXPECT_EQ(one.levels[0].packed_modes, four.levels[0].packed_modes);
 }
 
-TEST(AppearanceModel, SurvivesItsFileAndRefusesBrokenOnes) {
+TEST(AppearanceModel, JsonRoundTripAndRejectsInvalidJson) {
   const AppearanceModel model = trained();
   const nlohmann::json good = to_json(model);
   const AppearanceModel read = appearance_model_from_json(good, "m.json");
@@ -66,7 +66,7 @@ TEST(AppearanceModel, SurvivesItsFileAndRefusesBrokenOnes) {
   EXPECT_THROW((void)appearance_model_from_json(bad, "m.json"), ModelError);
 }
 
-TEST(AppearanceModel, OneImageIsNotEnough) {
+TEST(AppearanceModel, TrainingRejectsOneImage) {
   NoProgress silent;
   EXPECT_THROW((void)train_appearance_model(testing::portraits(1, 1), {}, {}, silent, {}),
                std::invalid_argument);

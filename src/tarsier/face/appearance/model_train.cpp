@@ -17,7 +17,7 @@ namespace {
 
 // The Delaunay triangles of points of size 1 without slivers along a nearly straight hull. These
 // contain no pixels and fold easily.
-std::vector<shape::Triangle> sound_mesh(const Eigen::Matrix2Xd& points) {
+std::vector<shape::Triangle> mesh_without_slivers(const Eigen::Matrix2Xd& points) {
   constexpr double kMinHeight = 0.02;
   std::vector<shape::Triangle> mesh = shape::delaunay(points);
   std::erase_if(mesh, [&](const shape::Triangle& triangle) {
@@ -37,13 +37,13 @@ using Eigen::VectorXd;
 using Eigen::VectorXf;
 
 // A given mesh with positive area of each triangle.
-std::vector<shape::Triangle> turned_alike(std::vector<shape::Triangle> mesh,
-                                          const Eigen::Matrix2Xd& points) {
+std::vector<shape::Triangle> with_positive_areas(std::vector<shape::Triangle> mesh,
+                                                 const Eigen::Matrix2Xd& points) {
   for (shape::Triangle& triangle : mesh) {
     for (const int corner : triangle)
       TARSIER_REQUIRE(corner >= 0 && corner < points.cols(), "a triangle of point {} of {}", corner,
                       points.cols());
-    if (shape::folded({triangle}, points) > 0) std::swap(triangle[1], triangle[2]);
+    if (shape::count_folded({triangle}, points) > 0) std::swap(triangle[1], triangle[2]);
   }
   return mesh;
 }
@@ -69,7 +69,7 @@ std::vector<int> outline(const std::vector<shape::Triangle>& mesh) {
   return points;
 }
 
-struct Sampled {
+struct NormalisedTextures {
   MatrixXf textures;  // N x samples, normalised to the tangent at the mean
   VectorXf mean;
   double offset = 0;
@@ -82,13 +82,13 @@ MatrixXf sample_all(const AppearanceModel& model, const Texture& texture,
                     const AppearanceOptions& options, Progress& progress,
                     const std::stop_token& stop) {
   const FrameSampler sampler(texture.warp);
-  const CropPlace place = crop_place(texture);
+  const CropFrame crop = crop_frame(texture);
   const Index n = Index{sampler.pixels()} * channel_count(texture.channels);
   const int each = options.mirror ? 2 : 1;
   MatrixXf textures(n, static_cast<Index>(images.size()) * each);
   progress.begin("textures", textures.cols(), "textures");
   cv::parallel_for_(cv::Range(0, static_cast<int>(images.size())), [&](const cv::Range& range) {
-    Upright upright;
+    UprightCrop upright;
     std::vector<FrameSampler::Affine> maps;
     for (int i = range.start; i < range.end; ++i) {
       if (stop.stop_requested()) return;
@@ -98,8 +98,8 @@ MatrixXf sample_all(const AppearanceModel& model, const Texture& texture,
         if (k == 1) turned = mirrored(plain, mirror, options.to_the_right);
         const TrainingImage& image = k == 1 ? turned : plain;
         const shape::Similarity2d image_from_crop =
-            shape::fit_similarity(model.shape.mean, image.points) * place.crop_from_model.inverse();
-        make_upright(image.image, image_from_crop, place.size, texture.channels, upright);
+            shape::fit_similarity(model.shape.mean, image.points) * crop.crop_from_model.inverse();
+        make_upright_crop(image.image, image_from_crop, crop.size, texture.channels, upright);
         sampler.maps(model.extended(image_from_crop.inverse()(image.points)), maps);
         sampler.sample(upright.values, maps, textures.col(i * each + k).data());
         progress.advance();
@@ -113,8 +113,8 @@ MatrixXf sample_all(const AppearanceModel& model, const Texture& texture,
 
 // Removes offset and gain. The mean is the fixed point: textures are scaled so that their
 // projection on it equals it, and their mean is the new mean (Cootes and Taylor 2004, section 4.2).
-Sampled normalise(MatrixXf textures, bool with_offset) {
-  Sampled result;
+NormalisedTextures normalise(MatrixXf textures, bool with_offset) {
+  NormalisedTextures result;
   const auto n = static_cast<double>(textures.rows());
   VectorXd norms(textures.cols());
   for (Index i = 0; i < textures.cols(); ++i) {
@@ -150,10 +150,10 @@ Sampled normalise(MatrixXf textures, bool with_offset) {
   return result;
 }
 
-void train_texture(Texture& texture, Sampled sampled, double variance, int max_modes) {
+void train_texture(Texture& texture, NormalisedTextures sampled, double variance, int max_modes) {
   texture.mean = std::move(sampled.mean);
-  texture.usual_offset = sampled.offset;
-  texture.usual_gain = sampled.gain;
+  texture.mean_offset = sampled.offset;
+  texture.mean_gain = sampled.gain;
   const MatrixXf& residuals = sampled.textures;
   const Index n = residuals.rows();
   const Index count = residuals.cols();
@@ -166,8 +166,8 @@ void train_texture(Texture& texture, Sampled sampled, double variance, int max_m
   const double total = values.sum();
   Index modes = 0;
   double kept = 0;
-  const Index most = std::min<Index>({Index{max_modes}, count - 1, n - 2});
-  while (modes < most && kept < variance * total && values[modes] > 1e-6 * values[0]) {
+  const Index max_count = std::min<Index>({Index{max_modes}, count - 1, n - 2});
+  while (modes < max_count && kept < variance * total && values[modes] > 1e-6 * values[0]) {
     kept += values[modes++];
   }
   texture.deviation = values.head(modes).cwiseSqrt();
@@ -178,10 +178,10 @@ void train_texture(Texture& texture, Sampled sampled, double variance, int max_m
   for (Index k = 0; k < modes; ++k) {
     VectorXf mode = residuals * eigen.vectors.col(count - 1 - k).cast<float>();
     mode.normalize();
-    Index place = 0;
-    const float largest = mode.cwiseAbs().maxCoeff(&place);
+    Index largest_index = 0;
+    const float largest = mode.cwiseAbs().maxCoeff(&largest_index);
     // A mode's sign is arbitrary.
-    const float step = mode[place] < 0 ? -largest / 127 : largest / 127;
+    const float step = mode[largest_index] < 0 ? -largest / 127 : largest / 127;
     texture.packed_modes.col(k) =
         (mode / step).array().round().max(-127).min(127).cast<std::int8_t>();
     texture.steps[k] = std::abs(step);
@@ -217,18 +217,18 @@ AppearanceModel train_appearance_model(const std::vector<TrainingImage>& images,
   model.shape = shape::train_shape_model(shapes, options.shape);
   if (!mirror.empty()) model.shape.mirror = mirror;
   model.margin = options.margin;
-  model.mesh = options.mesh.empty() ? sound_mesh(model.shape.mean)
-                                    : turned_alike(options.mesh, model.shape.mean);
+  model.mesh = options.mesh.empty() ? mesh_without_slivers(model.shape.mean)
+                                    : with_positive_areas(options.mesh, model.shape.mean);
   if (options.margin > 0) {
     model.outer = outline(model.mesh);
-    model.mesh = sound_mesh(model.extended(model.shape.mean));
+    model.mesh = mesh_without_slivers(model.extended(model.shape.mean));
   }
   const Matrix2Xd all = model.extended(model.shape.mean);
   const double width = all.row(0).maxCoeff() - all.row(0).minCoeff();
   const auto train = [&](Channels channels, double frame_width, double variance, int modes) {
     Texture texture = empty_texture(model, channels, (frame_width - 1) / width);
-    Sampled sampled = normalise(sample_all(model, texture, images, mirror, options, progress, stop),
-                                has_offset(channels));
+    NormalisedTextures sampled = normalise(
+        sample_all(model, texture, images, mirror, options, progress, stop), has_offset(channels));
     train_texture(texture, std::move(sampled), variance, modes);
     throw_if_stopped(stop);
     return texture;

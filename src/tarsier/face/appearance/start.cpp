@@ -37,7 +37,7 @@ Matrix2Xd moved(const Matrix2Xd& points, double scale, double angle, const Vecto
 
 }  // namespace
 
-BoxPlace learn_box_place(const std::vector<std::pair<cv::Rect2d, Matrix2Xd>>& boxes) {
+ShapeInBox learn_shape_in_box(const std::vector<std::pair<cv::Rect2d, Matrix2Xd>>& boxes) {
   TARSIER_REQUIRE(!boxes.empty(), "no boxes");
   std::vector<double> dx, dy, size;
   for (const auto& [box, points] : boxes) {
@@ -56,9 +56,9 @@ Matrix2Xd start_in_box(const AppearanceModel& model, const cv::Rect2d& box,
   TARSIER_REQUIRE(box.width > 0 && std::isfinite(box.x + box.y + box.width + box.height),
                   "a box {} wide", box.width);
   const Matrix2Xd shape = b.size() == 0 ? model.shape.mean : shape::shape_of(model.shape, b);
-  const Vector2d center(box.x + box.width * (0.5 + model.place.dx),
-                        box.y + box.height / 2 + box.width * model.place.dy);
-  return (model.place.size * box.width * shape).colwise() + center;
+  const Vector2d center(box.x + box.width * (0.5 + model.shape_in_box.dx),
+                        box.y + box.height / 2 + box.width * model.shape_in_box.dy);
+  return (model.shape_in_box.size * box.width * shape).colwise() + center;
 }
 
 std::vector<Matrix2Xd> starts_around(const Matrix2Xd& start, int count, double spread) {
@@ -108,11 +108,11 @@ std::optional<Matrix2Xd> search_start(const Fitter& fitter, const cv::Mat& image
   const Vector2d high = mean.rowwise().maxCoeff();
   const double width = high.x() - low.x();
 
-  struct Place {
+  struct Candidate {
     double error;
     Matrix2Xd points;  // px of the image
   };
-  std::vector<Place> places;
+  std::vector<Candidate> candidates;
   const double side = std::min(image.cols, image.rows);
   const double step = std::max(1.0, options.place_step * width);
   for (double size = options.smallest; size <= options.largest * 1.0001;
@@ -121,34 +121,34 @@ std::optional<Matrix2Xd> search_start(const Fitter& fitter, const cv::Mat& image
     const double scale = size * side / width;  // px of the image per px of the reduced image
     const cv::Size all(std::max(2, static_cast<int>(image.cols / scale)),
                        std::max(2, static_cast<int>(image.rows / scale)));
-    make_upright(image, {scale, 0, (scale - 1) / 2, (scale - 1) / 2}, all, level.texture->channels,
-                 workspace.upright);
+    make_upright_crop(image, {scale, 0, (scale - 1) / 2, (scale - 1) / 2}, all,
+                      level.texture->channels, workspace.upright);
     for (double y = -low.y(); y + high.y() < all.height; y += step) {
       for (double x = -low.x(); x + high.x() < all.width; x += step) {
         workspace.points = mean.colwise() + Vector2d(x, y);
         LevelState state;
-        look(level, workspace, state);
+        sample_texture(level, workspace, state);
         if (state.gain <= 0) continue;
         Matrix2Xd points = scale * workspace.points;
         points.array() += (scale - 1) / 2;
-        places.push_back({state.error, std::move(points)});
+        candidates.push_back({state.error, std::move(points)});
       }
     }
   }
-  std::stable_sort(places.begin(), places.end(),
-                   [](const Place& a, const Place& b) { return a.error < b.error; });
-  // The best places, without neighbours of better ones.
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const Candidate& a, const Candidate& b) { return a.error < b.error; });
+  // The best candidates, without neighbours of better ones.
   std::vector<Matrix2Xd> starts;
-  for (const Place& place : places) {
+  for (const Candidate& candidate : candidates) {
     if (static_cast<int>(starts.size()) >= options.best) break;
-    const Vector2d center = place.points.rowwise().mean();
-    const double radius = rms_radius(place.points);
+    const Vector2d center = candidate.points.rowwise().mean();
+    const double radius = rms_radius(candidate.points);
     const bool is_near = std::any_of(starts.begin(), starts.end(), [&](const Matrix2Xd& other) {
       const double ratio = rms_radius(other) / radius;
       return (other.rowwise().mean() - center).norm() < 0.3 * radius && ratio > 0.85 &&
              ratio < 1.18;
     });
-    if (!is_near) starts.push_back(place.points);
+    if (!is_near) starts.push_back(candidate.points);
   }
   if (starts.empty()) return std::nullopt;
   const FitResult best = fitter.fit_best(image, starts, workspace);

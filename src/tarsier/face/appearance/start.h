@@ -19,7 +19,7 @@ namespace tarsier::face::appearance {
 
 // Medians over boxes and the points (2 x n) in them. Throws std::invalid_argument for an empty
 // list.
-[[nodiscard]] BoxPlace learn_box_place(
+[[nodiscard]] ShapeInBox learn_shape_in_box(
     const std::vector<std::pair<cv::Rect2d, Eigen::Matrix2Xd>>& boxes);
 
 // The mean shape, or a shape b of the model, in a detector's box.
@@ -46,7 +46,7 @@ struct SearchOptions {
   double largest = 0.9;
   double scale_step = 1.2;
   double place_step = 0.12;  // share of the width
-  int best = 5;              // places that are fitted at the coarsest level
+  int best = 5;              // candidates that are fitted at the coarsest level
 
   [[nodiscard]] OptionFields fields() {
     return {{"scale_step", scale_step, range(1.02, 4)},

@@ -26,7 +26,7 @@ void check_eyes(const std::array<int, 2>& eyes, int points) {
       "eyes at points {} and {} of {}", eyes[0], eyes[1], points);
 }
 
-bool holds(const cv::Rect2d& box, const Matrix2Xd& points) {
+bool is_plausible_box(const cv::Rect2d& box, const Matrix2Xd& points) {
   const Eigen::Vector2d center = points.rowwise().mean();
   const double width = points.row(0).maxCoeff() - points.row(0).minCoeff();
   return box.contains({center.x(), center.y()}) && box.width > 0.5 * width && box.width < 3 * width;
@@ -47,11 +47,12 @@ std::pair<Images, Images> split_by_person(const Images& images) {
   return parts;
 }
 
-// Keeps at most `most` images, evenly chosen.
-void thin_out(Images& images, std::size_t most) {
-  if (images.size() <= most) return;
+// Keeps at most `max_images` images, evenly chosen.
+void subsample(Images& images, std::size_t max_images) {
+  if (images.size() <= max_images) return;
   Images kept;
-  for (std::size_t i = 0; i < most; ++i) kept.push_back(images[i * images.size() / most]);
+  for (std::size_t i = 0; i < max_images; ++i)
+    kept.push_back(images[i * images.size() / max_images]);
   images = std::move(kept);
 }
 
@@ -67,14 +68,14 @@ double point_error(const Matrix2Xd& points, const Matrix2Xd& truth,
   return (points - truth).colwise().norm().mean() / distance;
 }
 
-int learn_place(AppearanceModel& model, const std::vector<TrainingImage>& images,
-                const Detect& detect) {
+int set_shape_in_box(AppearanceModel& model, const std::vector<TrainingImage>& images,
+                     const Detect& detect) {
   std::vector<std::pair<cv::Rect2d, Matrix2Xd>> boxes;
   for (const TrainingImage& image : images) {
     const auto box = detect(image.image);
-    if (box && holds(*box, image.points)) boxes.emplace_back(*box, image.points);
+    if (box && is_plausible_box(*box, image.points)) boxes.emplace_back(*box, image.points);
   }
-  if (!boxes.empty()) model.place = learn_box_place(boxes);
+  if (!boxes.empty()) model.shape_in_box = learn_shape_in_box(boxes);
   return static_cast<int>(boxes.size());
 }
 
@@ -108,9 +109,9 @@ std::vector<StudyItem> study_images(const Fitter& fitter, const std::vector<Trai
           point_error(shape::shape_of(model.shape, shape::fit_shape(model.shape, image.points)),
                       image.points, options.eyes);
       item.truth_fit_error =
-          explain(model, model.levels.front(), modes, image.image, image.points).error;
+          fit_texture(model, model.levels.front(), modes, image.image, image.points).error;
       const auto& box = boxes[static_cast<std::size_t>(i)];
-      item.detected = box && holds(*box, image.points);
+      item.detected = box && is_plausible_box(*box, image.points);
       if (item.detected) {
         item.start = start_in_box(model, *box);
         item.start_error = point_error(item.start, image.points, options.eyes);
@@ -157,7 +158,7 @@ StudySummary summarise(const std::vector<StudyItem>& items, double limit) {
   return s;
 }
 
-double lost_error_of(const std::vector<StudyItem>& items, double good) {
+double choose_lost_error(const std::vector<StudyItem>& items, double good) {
   std::vector<std::pair<double, bool>> fits;
   for (const StudyItem& item : items) {
     if (item.detected) fits.emplace_back(item.fit.error, item.error < good);
@@ -170,25 +171,25 @@ double lost_error_of(const std::vector<StudyItem>& items, double good) {
     if (is_right) largest = std::max(largest, error);
   }
   if (mistakes == static_cast<int>(fits.size())) return std::min(1.0, 2 * largest);
-  int least = mistakes;
+  int min_mistakes = mistakes;
   double best = 0;
   for (std::size_t i = 0; i < fits.size(); ++i) {
     mistakes += fits[i].second ? -1 : 1;
-    if (mistakes > least) continue;
-    least = mistakes;
+    if (mistakes > min_mistakes) continue;
+    min_mistakes = mistakes;
     best = i + 1 < fits.size() ? (fits[i].first + fits[i + 1].first) / 2 : fits[i].first;
   }
   return best;
 }
 
-std::array<int, 2> widest(const shape::ShapeModel& model) {
+std::array<int, 2> farthest_points(const shape::ShapeModel& model) {
   std::array<int, 2> best{0, 0};
-  double most = -1;
+  double max_distance = -1;
   for (int i = 0; i < model.points(); ++i) {
     for (int k = i + 1; k < model.points(); ++k) {
       const double distance = (model.mean.col(i) - model.mean.col(k)).norm();
-      if (distance <= most) continue;
-      most = distance;
+      if (distance <= max_distance) continue;
+      max_distance = distance;
       best = {i, k};
     }
   }
@@ -198,19 +199,19 @@ std::array<int, 2> widest(const shape::ShapeModel& model) {
 double learn_lost_error(const std::vector<TrainingImage>& images, const std::vector<int>& mirror,
                         const AppearanceOptions& options, std::uint64_t seed, Progress& progress,
                         const std::stop_token& stop) {
-  constexpr std::size_t kMaxLearnt = 400;
-  constexpr std::size_t kMaxFitted = 150;
-  constexpr Disturbance kNear{0.1, 8, 0.08};
-  constexpr Disturbance kFar{0.4, 60, 0.8};
-  constexpr double kGood = 0.06;  // share of the widest distance in the shape
+  constexpr std::size_t kMaxTrainingImages = 400;
+  constexpr std::size_t kMaxTestImages = 150;
+  constexpr Disturbance kSmallDisturbance{0.1, 8, 0.08};
+  constexpr Disturbance kLargeDisturbance{0.4, 60, 0.8};
+  constexpr double kGoodError = 0.06;  // share of the widest distance in the shape
   if (images.size() < 6) return 0;
   auto [learnt, left_out] = split_by_person(images);
-  thin_out(learnt, kMaxLearnt);
-  thin_out(left_out, kMaxFitted);
+  subsample(learnt, kMaxTrainingImages);
+  subsample(left_out, kMaxTestImages);
   AppearanceOptions plain = options;
   plain.colour = false;
   const AppearanceModel model = train_appearance_model(learnt, mirror, plain, progress, stop);
-  const std::array<int, 2> ends = widest(model.shape);
+  const std::array<int, 2> ends = farthest_points(model.shape);
   FitOptions fit;
   fit.method = Method::kAlternating;
   const Fitter fitter(model, fit);
@@ -225,8 +226,8 @@ double learn_lost_error(const std::vector<TrainingImage>& images, const std::vec
           shape::fit_similarity(model.shape.mean, image.points)(model.shape.mean);
       for (std::size_t far = 0; far < 2; ++far) {
         StudyItem& item = items[2 * index + far];
-        const Matrix2Xd start =
-            disturbed(mean, far == 1 ? kFar : kNear, seed * 7919 + 2 * index + far);
+        const Matrix2Xd start = disturbed(mean, far == 1 ? kLargeDisturbance : kSmallDisturbance,
+                                          seed * 7919 + 2 * index + far);
         item.detected = true;
         item.fit = fitter.fit(image.image, start, workspace);
         item.error = point_error(item.fit.points, image.points, ends);
@@ -236,7 +237,7 @@ double learn_lost_error(const std::vector<TrainingImage>& images, const std::vec
   });
   progress.end();
   throw_if_stopped(stop);
-  return lost_error_of(items, kGood);
+  return choose_lost_error(items, kGoodError);
 }
 
 void ConvergenceOptions::check(int points) const {
@@ -263,8 +264,9 @@ std::vector<ConvergencePoint> study_convergence(const Fitter& fitter,
           shape::fit_similarity(fitter.model().shape.mean, image.points)(fitter.model().shape.mean);
       for (int k = 0; k < each && !stop.stop_requested(); ++k) {
         const double share = options.steps[static_cast<std::size_t>(k / options.tries)];
-        const Disturbance disturbance{share * options.most.scale, share * options.most.angle_deg,
-                                      share * options.most.shift};
+        const Disturbance disturbance{share * options.max_disturbance.scale,
+                                      share * options.max_disturbance.angle_deg,
+                                      share * options.max_disturbance.shift};
         const auto number = static_cast<std::uint64_t>(i) * static_cast<std::uint64_t>(each) +
                             static_cast<std::uint64_t>(k);
         const Matrix2Xd start = disturbed(mean, disturbance, options.seed * 1000003 + number);
@@ -302,7 +304,8 @@ cv::Mat draw_convergence(const std::vector<ConvergenceCurve>& curves,
   plot.title = fmt::format("Fits within {:.1f} % of the eye distance", 100 * options.limit);
   plot.x.label =
       fmt::format("start moved by this share of scale +-{:.0f} %, {:.0f} deg, shift {:.0f} %",
-                  100 * options.most.scale, options.most.angle_deg, 100 * options.most.shift);
+                  100 * options.max_disturbance.scale, options.max_disturbance.angle_deg,
+                  100 * options.max_disturbance.shift);
   plot.y.label = "converged (%)";
   plot.y.low = 0;
   plot.y.high = 100;

@@ -27,10 +27,10 @@ using Detect = std::function<std::optional<cv::Rect2d>(const cv::Mat& image)>;
 [[nodiscard]] double point_error(const Eigen::Matrix2Xd& points, const Eigen::Matrix2Xd& truth,
                                  const std::array<int, 2>& eyes);
 
-// Sets model.place from a detector's boxes on training images; returns how many were used. A box
-// counts if it contains the points' centre. Without any box, model.place is not changed.
-int learn_place(AppearanceModel& model, const std::vector<TrainingImage>& images,
-                const Detect& detect);
+// Sets model.shape_in_box from a detector's boxes on training images; returns how many were used. A box
+// counts if it contains the points' centre. Without any box, model.shape_in_box is not changed.
+int set_shape_in_box(AppearanceModel& model, const std::vector<TrainingImage>& images,
+                     const Detect& detect);
 
 struct StudyItem {
   std::string name;
@@ -71,11 +71,11 @@ struct StudyOptions {
 // model.lost_error from successful and failed fits (successful: point error below `good`): the
 // value that separates them with the fewest errors. Without failed fits: twice the largest error of
 // the successful ones, at most 1.
-[[nodiscard]] double lost_error_of(const std::vector<StudyItem>& items, double good);
+[[nodiscard]] double choose_lost_error(const std::vector<StudyItem>& items, double good);
 
 // The two points of the mean shape that are farthest apart: a unit of length if the eyes are
 // unknown.
-[[nodiscard]] std::array<int, 2> widest(const shape::ShapeModel& model);
+[[nodiscard]] std::array<int, 2> farthest_points(const shape::ShapeModel& model);
 
 // model.lost_error for a model of these images. A second model is trained on two thirds of the
 // people in them (of the images, if they show fewer than three people). It is fitted to the rest,
@@ -88,13 +88,13 @@ struct StudyOptions {
 
 // Frequency of convergence from random starts around the true points, for increasing disturbance.
 struct ConvergencePoint {
-  double disturbance = 0;  // share of options.most
+  double disturbance = 0;  // share of options.max_disturbance
   int tries = 0;
   int converged = 0;      // point error below `limit`
   double mean_error = 0;  // of these, share of the eye distance
 };
 struct ConvergenceOptions {
-  Disturbance most{0.1, 10, 0.1};
+  Disturbance max_disturbance{0.1, 10, 0.1};
   std::vector<double> steps{0, 0.25, 0.5, 0.75, 1, 1.5, 2};
   int tries = 5;  // per image and step
   double limit = 0.05;

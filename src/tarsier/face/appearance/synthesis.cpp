@@ -22,7 +22,7 @@ using Eigen::VectorXf;
 
 namespace {
 
-const cv::Scalar kGround(58, 52, 48);
+const cv::Scalar kBackground(58, 52, 48);
 constexpr std::array<double, 5> kColumns{-3, -1.5, 0, 1.5, 3};
 
 cv::Point fixed(const Eigen::Vector2d& point) {
@@ -47,7 +47,7 @@ cv::Mat to_frame(const Texture& texture, const VectorXf& values) {
 }
 
 // The norm of each pixel's channels, as brightness.
-cv::Mat lengths(const Texture& texture, const VectorXf& values, double factor, double base) {
+cv::Mat channel_norms(const Texture& texture, const VectorXf& values, double factor, double base) {
   cv::Mat frame(texture.warp.size(), CV_8UC3, cv::Scalar(0, 0, 0));
   const int channels = channel_count(texture.channels);
   const auto& pixels = texture.warp.pixels();
@@ -83,7 +83,7 @@ cv::Mat Synthesis::frame(const VectorXd& c, double offset, double gain) const {
 }
 
 cv::Mat Synthesis::frame(const VectorXd& c) const {
-  return frame(c, texture_->usual_offset, texture_->usual_gain);
+  return frame(c, texture_->mean_offset, texture_->mean_gain);
 }
 
 void Synthesis::draw(const VectorXd& c, double offset, double gain, const Matrix2Xd& points,
@@ -91,8 +91,8 @@ void Synthesis::draw(const VectorXd& c, double offset, double gain, const Matrix
   texture_->warp.from_frame(frame(c, offset, gain), model_->extended(points), image);
 }
 
-Explained Synthesis::explain(const cv::Mat& image, const Matrix2Xd& points) const {
-  return appearance::explain(*model_, *texture_, modes_, image, points);
+TextureFit Synthesis::fit_texture(const cv::Mat& image, const Matrix2Xd& points) const {
+  return appearance::fit_texture(*model_, *texture_, modes_, image, points);
 }
 
 cv::Mat Synthesis::portrait(const VectorXd& b, const VectorXd& c, cv::Size size,
@@ -102,13 +102,13 @@ cv::Mat Synthesis::portrait(const VectorXd& b, const VectorXd& c, cv::Size size,
   const Eigen::Vector2d high = all.rowwise().maxCoeff();
   const double scale =
       0.84 * std::min(size.width / (high.x() - low.x()), size.height / (high.y() - low.y()));
-  const Eigen::Vector2d middle(0.5 * (size.width - 1), 0.5 * (size.height - 1));
+  const Eigen::Vector2d center(0.5 * (size.width - 1), 0.5 * (size.height - 1));
   VectorXd whole = VectorXd::Zero(model_->shape.mode_count());
   whole.head(std::min(b.size(), whole.size())) = b.head(std::min(b.size(), whole.size()));
   const Matrix2Xd at = (scale * shape::shape_of(model_->shape, whole)).colwise() +
-                       (middle - scale * 0.5 * (low + high));
-  cv::Mat image(size, CV_8UC3, kGround);
-  draw(c, texture_->usual_offset, texture_->usual_gain, at, image);
+                       (center - scale * 0.5 * (low + high));
+  cv::Mat image(size, CV_8UC3, kBackground);
+  draw(c, texture_->mean_offset, texture_->mean_gain, at, image);
   if (points != nullptr) *points = at;
   return image;
 }
@@ -138,7 +138,7 @@ cv::Mat draw_mode_grid(const AppearanceModel& model, int modes, int cell_px, std
   const int label = std::max(70, cell_px / 2);
   const int head = std::max(20, cell_px / 6);
   const auto columns = static_cast<int>(kColumns.size());
-  cv::Mat grid(head + rows * cell_px, label + columns * cell_px, CV_8UC3, kGround);
+  cv::Mat grid(head + rows * cell_px, label + columns * cell_px, CV_8UC3, kBackground);
   image::draw::TextStyle style;
   style.height_px = std::clamp(cell_px / 12.0, 7.0, 18.0);
   style.backing = image::draw::Backing::kNone;
@@ -205,23 +205,23 @@ void draw_mesh(const AppearanceModel& model, const Matrix2Xd& points, cv::Mat& i
 cv::Mat draw_error(const AppearanceModel& model, const cv::Mat& image, const Matrix2Xd& points) {
   const Texture& texture = model.levels.front();
   const Eigen::MatrixXf modes = texture.modes();
-  const Explained seen = explain(model, texture, modes, image, points);
+  const TextureFit fit = fit_texture(model, texture, modes, image, points);
   VectorXf made = texture.mean;
-  made.noalias() += modes * seen.c.cast<float>();
-  made = static_cast<float>(seen.gain) * made.array() + static_cast<float>(seen.offset);
-  const VectorXf difference = seen.seen - made;
+  made.noalias() += modes * fit.c.cast<float>();
+  made = static_cast<float>(fit.gain) * made.array() + static_cast<float>(fit.offset);
+  const VectorXf difference = fit.sampled - made;
   cv::Mat parts[3];
   if (has_offset(texture.channels)) {
-    parts[0] = to_frame(texture, seen.seen);
+    parts[0] = to_frame(texture, fit.sampled);
     parts[1] = to_frame(texture, made);
     const VectorXf shown = difference.array() + 128.0F;
     parts[2] = to_frame(texture, shown);
   } else {
     const double factor =
-        120 / std::max(1e-9, std::abs(seen.gain) * std::sqrt(channel_count(texture.channels)));
-    parts[0] = lengths(texture, seen.seen, factor, 0);
-    parts[1] = lengths(texture, made, factor, 0);
-    parts[2] = lengths(texture, difference, factor, 0);
+        120 / std::max(1e-9, std::abs(fit.gain) * std::sqrt(channel_count(texture.channels)));
+    parts[0] = channel_norms(texture, fit.sampled, factor, 0);
+    parts[1] = channel_norms(texture, made, factor, 0);
+    parts[2] = channel_norms(texture, difference, factor, 0);
   }
   cv::Mat row;
   cv::hconcat(parts, 3, row);

@@ -34,7 +34,7 @@ class Synthesis {
             cv::Mat& image) const;
 
   // The texture of an image at the points, explained by the model's colour texture.
-  [[nodiscard]] Explained explain(const cv::Mat& image, const Eigen::Matrix2Xd& points) const;
+  [[nodiscard]] TextureFit fit_texture(const cv::Mat& image, const Eigen::Matrix2Xd& points) const;
 
   // A face of shape b and texture c, upright, on a plain background, as large as fits into `size`.
   [[nodiscard]] cv::Mat portrait(const Eigen::VectorXd& b, const Eigen::VectorXd& c, cv::Size size,

@@ -20,7 +20,7 @@ inline TrainingImage portrait(Rng& rng) {
   const double unit = rng.uniform(32, 40);
   const double angle = rng.normal(0, 0.06);
   const Eigen::Vector2d center(80 + rng.uniform(-5, 5), 80 + rng.uniform(-5, 5));
-  const auto place = [&](double u, double v) {
+  const auto image_point = [&](double u, double v) {
     const double x = u + bend * (1 - v * v);
     const double y = v * height;
     return Eigen::Vector2d(center.x() + unit * (std::cos(angle) * x - std::sin(angle) * y),
@@ -29,7 +29,7 @@ inline TrainingImage portrait(Rng& rng) {
   TrainingImage result;
   result.points.resize(2, 16);
   for (int i = 0; i < 16; ++i) {
-    result.points.col(i) = place(-1 + (i % 4) * 2.0 / 3, -1 + (i / 4) * 2.0 / 3);
+    result.points.col(i) = image_point(-1 + (i % 4) * 2.0 / 3, -1 + (i / 4) * 2.0 / 3);
   }
   result.image = cv::Mat(160, 160, CV_8UC3);
   for (int y = 0; y < 160; ++y) {

@@ -17,11 +17,11 @@ double size_of(const Matrix2Xd& points) {
 }
 
 // The same object: the centres are nearer than one RMS radius.
-bool is_same_place(const Matrix2Xd& a, const Matrix2Xd& b) {
+bool is_same_object(const Matrix2Xd& a, const Matrix2Xd& b) {
   return (a.rowwise().mean() - b.rowwise().mean()).norm() < std::max(size_of(a), size_of(b));
 }
 
-bool is_held(const Fitter& fitter, const TrackOptions& options, const FitResult& fit) {
+bool is_still_tracked(const Fitter& fitter, const TrackOptions& options, const FitResult& fit) {
   if (!fit.lost) return true;
   // Of all tests, only that of the error is less strict than for a new object.
   const double limit = fitter.model().lost_error;
@@ -31,38 +31,39 @@ bool is_held(const Fitter& fitter, const TrackOptions& options, const FitResult&
 
 FitResult fit_next(const Fitter& fitter, const TrackOptions& options, Track::Object& object,
                    const cv::Mat& image) {
-  const FitResult& last = object.now.fit;
+  const FitResult& last = object.tracked.fit;
   FitResult fit = fitter.follow(image, last.points, object.workspace);
-  if (fit.error <= options.worse * last.error && is_held(fitter, options, fit)) return fit;
+  if (fit.error <= options.worse * last.error && is_still_tracked(fitter, options, fit)) return fit;
   FitResult refit = fitter.fit(image, last.points, object.workspace);
   return refit.error < fit.error ? refit : fit;
 }
 
-Track::Object& place_for(Track& track, const FitResult& fit, double time,
-                         const TrackOptions& options) {
+Track::Object& object_for(Track& track, const FitResult& fit, double time,
+                          const TrackOptions& options) {
   for (Track::Object& object : track.objects) {
-    if (!object.is_lost || time - object.seen > options.remember_s) continue;
-    const double size = size_of(object.now.fit.points);
+    if (!object.is_lost || time - object.last_fit_s > options.remember_s) continue;
+    const double size = size_of(object.tracked.fit.points);
     const double distance =
-        (object.now.fit.points.rowwise().mean() - fit.points.rowwise().mean()).norm();
+        (object.tracked.fit.points.rowwise().mean() - fit.points.rowwise().mean()).norm();
     if (distance < 3 * size) return object;
   }
   track.objects.emplace_back();
-  track.objects.back().now.id = track.next_id++;
+  track.objects.back().tracked.id = track.next_id++;
   return track.objects.back();
 }
 
 }  // namespace
 
 std::vector<TrackedObject> find_objects(const Fitter& fitter, const FindStarts& find,
-                                        const cv::Mat& image, int most, FitWorkspace& workspace) {
+                                        const cv::Mat& image, int max_objects,
+                                        FitWorkspace& workspace) {
   std::vector<TrackedObject> found;
   for (const std::vector<Matrix2Xd>& starts : find(image)) {
-    if (static_cast<int>(found.size()) >= most) break;
+    if (static_cast<int>(found.size()) >= max_objects) break;
     FitResult fit = fitter.fit_best(image, starts, workspace);
     if (fit.lost) continue;
     const bool is_known = std::any_of(found.begin(), found.end(), [&](const TrackedObject& other) {
-      return is_same_place(other.fit.points, fit.points);
+      return is_same_object(other.fit.points, fit.points);
     });
     if (!is_known) found.push_back({static_cast<int>(found.size()) + 1, std::move(fit)});
   }
@@ -77,13 +78,13 @@ std::vector<TrackedObject> track_objects(const Fitter& fitter, const TrackOption
   for (Track::Object& object : track.objects) {
     if (object.is_lost) continue;
     FitResult fit = fit_next(fitter, options, object, image);
-    if (!is_held(fitter, options, fit)) {
+    if (!is_still_tracked(fitter, options, fit)) {
       object.is_lost = true;
       track.until_search = 0;
       continue;
     }
-    object.now.fit = std::move(fit);
-    object.seen = time;
+    object.tracked.fit = std::move(fit);
+    object.last_fit_s = time;
     ++followed;
   }
   // If two objects overlap, the older one is kept.
@@ -91,8 +92,9 @@ std::vector<TrackedObject> track_objects(const Fitter& fitter, const TrackOption
     for (std::size_t j = i + 1; j < track.objects.size(); ++j) {
       Track::Object& a = track.objects[i];
       Track::Object& b = track.objects[j];
-      if (a.is_lost || b.is_lost || !is_same_place(a.now.fit.points, b.now.fit.points)) continue;
-      (a.now.id < b.now.id ? b : a).is_lost = true;
+      if (a.is_lost || b.is_lost || !is_same_object(a.tracked.fit.points, b.tracked.fit.points))
+        continue;
+      (a.tracked.id < b.tracked.id ? b : a).is_lost = true;
       --followed;
     }
   }
@@ -102,26 +104,26 @@ std::vector<TrackedObject> track_objects(const Fitter& fitter, const TrackOption
       if (followed >= options.max_objects || starts.empty()) break;
       const bool is_known =
           std::any_of(track.objects.begin(), track.objects.end(), [&](const Track::Object& object) {
-            return !object.is_lost && is_same_place(object.now.fit.points, starts.front());
+            return !object.is_lost && is_same_object(object.tracked.fit.points, starts.front());
           });
       if (is_known) continue;
       FitWorkspace workspace;
       FitResult fit = fitter.fit_best(image, starts, workspace);
       if (fit.lost) continue;
-      Track::Object& object = place_for(track, fit, time, options);
-      object.now.fit = std::move(fit);
+      Track::Object& object = object_for(track, fit, time, options);
+      object.tracked.fit = std::move(fit);
       object.workspace = std::move(workspace);
       object.is_lost = false;
-      object.seen = time;
+      object.last_fit_s = time;
       ++followed;
     }
   }
   std::erase_if(track.objects, [&](const Track::Object& object) {
-    return object.is_lost && time - object.seen > options.remember_s;
+    return object.is_lost && time - object.last_fit_s > options.remember_s;
   });
   std::vector<TrackedObject> result;
   for (const Track::Object& object : track.objects)
-    if (!object.is_lost) result.push_back(object.now);
+    if (!object.is_lost) result.push_back(object.tracked);
   return result;
 }
 

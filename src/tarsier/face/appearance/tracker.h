@@ -47,9 +47,9 @@ struct TrackedObject {
 // State for a video; {} before its first frame.
 struct Track {
   struct Object {
-    TrackedObject now;
+    TrackedObject tracked;
     FitWorkspace workspace;
-    double seen = 0;  // s, time of the last fit
+    double last_fit_s = 0;
     bool is_lost = false;
   };
   std::vector<Object> objects;
@@ -65,9 +65,9 @@ struct Track {
                                                        const FindStarts& find, Track& track,
                                                        const cv::Mat& image, double time);
 
-// The objects of a single image: all fits from the starts that are not lost, one per place.
+// The objects of a single image: all fits from the starts that are not lost, one per object position.
 [[nodiscard]] std::vector<TrackedObject> find_objects(const Fitter& fitter, const FindStarts& find,
-                                                      const cv::Mat& image, int most,
+                                                      const cv::Mat& image, int max_objects,
                                                       FitWorkspace& workspace);
 
 }  // namespace tarsier::face::appearance

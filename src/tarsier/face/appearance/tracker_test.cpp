@@ -54,7 +54,7 @@ double error_of(const TrackedObject& object, const Video& video) {
 
 class TrackTest : public ::testing::TestWithParam<Method> {};
 
-TEST_P(TrackTest, FollowsWithoutSearchingAndKeepsItsId) {
+TEST_P(TrackTest, TracksWithoutSearchAndKeepsId) {
   FitOptions options;
   options.method = GetParam();
   const Fitter fitter(model(), options);
@@ -76,7 +76,7 @@ TEST_P(TrackTest, FollowsWithoutSearchingAndKeepsItsId) {
 INSTANTIATE_TEST_SUITE_P(Both, TrackTest,
                          ::testing::Values(Method::kProjectOut, Method::kAlternating));
 
-TEST(Track, WhatIsGoneIsLostAndFoundAgainUnderItsId) {
+TEST(Track, ReappearingObjectKeepsItsId) {
   const Fitter fitter(model(), {});
   Video video;
   Track track;
@@ -96,7 +96,7 @@ TEST(Track, WhatIsGoneIsLostAndFoundAgainUnderItsId) {
   EXPECT_LT(error_of(back[0], video), 1.0);
 }
 
-TEST(Track, OnePlaceIsOneObject) {
+TEST(Track, DuplicateStartsGiveOneObject) {
   const Fitter fitter(model(), {});
   const Video video;
   int calls = 0;
@@ -111,7 +111,7 @@ TEST(Track, OnePlaceIsOneObject) {
   EXPECT_EQ(find_objects(fitter, twice, video.frame(false), 5, workspace).size(), 0U);
 }
 
-TEST(Track, StillsDoNotRememberOneAnother) {
+TEST(Track, FindObjectsDoesNotDependOnEarlierImages) {
   FitOptions options;
   options.method = Method::kAlternating;
   const Fitter fitter(model(), options);

@@ -33,8 +33,9 @@ std::vector<TrainingImage> load_training_images(const shape::LandmarkSet& set,
       continue;
     }
     try {
-      result.push_back({shape::cut_out(read_image(path), sample, options.margin, options.largest),
-                        sample.image, sample.person});
+      result.push_back(
+          {shape::crop_around_points(read_image(path), sample, options.margin, options.largest),
+           sample.image, sample.person});
     } catch (const InputError& error) {
       skipped.emplace_back(error.what());
     }
@@ -51,7 +52,7 @@ std::vector<TrainingImage> load_training_images(const shape::LandmarkSet& set,
 
 TrainingImage mirrored(const TrainingImage& image, const std::vector<int>& mirror,
                        double to_the_right) {
-  return {shape::mirrored(static_cast<const shape::CutOut&>(image), mirror, to_the_right),
+  return {shape::mirrored(static_cast<const shape::AnnotatedCrop&>(image), mirror, to_the_right),
           image.name, image.person};
 }
 

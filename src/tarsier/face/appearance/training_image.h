@@ -3,7 +3,7 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
-#include "tarsier/face/shape/cut_out.h"
+#include "tarsier/face/shape/annotated_crop.h"
 #include "tarsier/face/shape/landmark_set.h"
 
 #include <stop_token>
@@ -13,7 +13,7 @@
 namespace tarsier::face::appearance {
 
 // A training sample: in colour, cropped around its points, all points present.
-struct TrainingImage : shape::CutOut {  // its image: CV_8UC3
+struct TrainingImage : shape::AnnotatedCrop {  // its image: CV_8UC3
   std::string name;
   std::string person;
 };

@@ -21,11 +21,11 @@ namespace tarsier::face {
 namespace {
 
 constexpr int kVersion = 1;
-constexpr int kSeparable = 5;       // conv1 .. conv5
-constexpr int kNumbers = 5;         // of a box: dx, dy, width, height, face
-constexpr float kLeak = 0.1F;       // of the rectifiers
-constexpr double kMaxGrowth = 4;    // logarithm: a box is at most e^4 times its anchor
-constexpr int kMaxChannels = 4096;  // of a layer
+constexpr int kSeparable = 5;        // conv1 .. conv5
+constexpr int kValuesPerBox = 5;     // of a box: dx, dy, width, height, face
+constexpr float kLeakySlope = 0.1F;  // of the rectifiers
+constexpr double kMaxLogScale = 4;   // logarithm: a box is at most e^4 times its anchor
+constexpr int kMaxChannels = 4096;   // of a layer
 
 // Mean colour of the network's training images: red, green, blue.
 constexpr std::array<float, 3> kMeanRgb{117.001F, 114.697F, 97.404F};
@@ -72,10 +72,10 @@ linalg::Layer grey_layer(linalg::TensorReader& tensors) {
   layer.pad_x = layer.pad_y = 0;
   layer.bias = tensors.take_vector("conv0/bias", layer.out);
   for (std::size_t o = 0; o < out; ++o)
-    for (std::size_t place = 0; place < 9; ++place)
+    for (std::size_t tap = 0; tap < 9; ++tap)
       for (std::size_t c = 0; c < 3; ++c) {
-        const float weight = from[(place * 3 + c) * out + o];
-        layer.weights[o * 9 + place] += weight;
+        const float weight = from[(tap * 3 + c) * out + o];
+        layer.weights[o * 9 + tap] += weight;
         layer.bias[o] -= weight * kMeanRgb[c] / 255.0F;
       }
   return layer;
@@ -91,8 +91,8 @@ std::vector<float> depthwise_weights(linalg::TensorReader& tensors, const std::s
                                  shape[1], shape[2], shape[3], channels));
   const auto count = static_cast<std::size_t>(channels);
   std::vector<float> out(from.size());
-  for (std::size_t place = 0; place < 9; ++place)
-    for (std::size_t c = 0; c < count; ++c) out[c * 9 + place] = from[place * count + c];
+  for (std::size_t tap = 0; tap < 9; ++tap)
+    for (std::size_t c = 0; c < count; ++c) out[c * 9 + tap] = from[tap * count + c];
   return out;
 }
 
@@ -110,19 +110,19 @@ AnchorDetector build_anchor_detector(const linalg::NamedTensors& weights, const 
   linalg::TensorReader tensors(weights, path);
   AnchorDetector detector;
   std::vector<linalg::SeparableStage>& stages = detector.network.stages;
-  stages.push_back({{}, grey_layer(tensors), kLeak, 2});
+  stages.push_back({{}, grey_layer(tensors), kLeakySlope, 2});
   for (int i = 1; i <= kSeparable; ++i) {
     const std::string name = fmt::format("conv{}", i);
     linalg::SeparableStage stage;
     stage.mix = mixing_layer(tensors, name + "/pointwise_filter", name + "/bias");
     stage.depthwise = depthwise_weights(tensors, name + "/depthwise_filter", stage.mix.in);
-    stage.slope = kLeak;
+    stage.slope = kLeakySlope;
     stage.pool = i < kSeparable ? 2 : 1;
     stages.push_back(std::move(stage));
   }
   stages.push_back({{}, mixing_layer(tensors, "conv8/filters", "conv8/bias"), 1, 0});
   if (!tensors.all_used()) throw ModelError(path, "holds tensors that belong to no layer");
-  constexpr int kOutputs = static_cast<int>(kAnchors.size()) * kNumbers;
+  constexpr int kOutputs = static_cast<int>(kAnchors.size()) * kValuesPerBox;
   if (stages.back().mix.out != kOutputs)
     throw ModelError(path,
                      fmt::format("{} numbers a cell, not {}", stages.back().mix.out, kOutputs));
@@ -182,12 +182,13 @@ std::vector<ScoredFace> search_anchors(const cv::Mat& gray, const AnchorDetector
       const float* at = map.data() + static_cast<std::size_t>(y) * cells.width + x;
       for (std::size_t a = 0; a < kAnchors.size(); ++a) {
         const auto number = [&](std::size_t k) {
-          return static_cast<double>(at[(a * kNumbers + k) * plane]);
+          return static_cast<double>(at[(a * kValuesPerBox + k) * plane]);
         };
         const double score = logistic(number(4));
         if (!(score >= options.threshold)) continue;
-        const double width = std::exp(std::min(kMaxGrowth, number(2))) * kAnchors[a].width * cell;
-        const double height = std::exp(std::min(kMaxGrowth, number(3))) * kAnchors[a].height * cell;
+        const double width = std::exp(std::min(kMaxLogScale, number(2))) * kAnchors[a].width * cell;
+        const double height =
+            std::exp(std::min(kMaxLogScale, number(3))) * kAnchors[a].height * cell;
         const double middle_x = (x + logistic(number(0))) * cell - left;
         const double middle_y = (y + logistic(number(1))) * cell - left;
         found.push_back({{(middle_x - width / 2) / scale, (middle_y - height / 2) / scale,
@@ -211,10 +212,10 @@ std::vector<ScoredFace> search_anchors(const cv::Mat& gray, const AnchorDetector
 cv::Rect2d cascade_square(const cv::Rect2d& box) {
   // Medians over the faces of faces68 that both detectors find.
   constexpr double kWidth = 1.0;
-  constexpr double kDown = -0.136;
+  constexpr double kCenterShift = -0.136;
   const double width = kWidth * std::sqrt(box.width * box.height);
   const double x = box.x + box.width / 2;
-  const double y = box.y + box.height / 2 + kDown * width;
+  const double y = box.y + box.height / 2 + kCenterShift * width;
   return {x - width / 2, y - width / 2, width, width};
 }
 

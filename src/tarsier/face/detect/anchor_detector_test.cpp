@@ -39,7 +39,7 @@ std::vector<ScoredFace> found(const cv::Mat& image, const AnchorSearchOptions& o
   return search_anchors(image, bright(), options, workspace);
 }
 
-TEST(AnchorDetector, FindsWhatItsWeightsSayAtAnySize) {
+TEST(AnchorDetector, DetectsBrightCellAtAnyImageSize) {
   for (const double scale : {0.5, 1.0, 3.0}) {
     const auto px = [&](double at416) { return static_cast<int>(std::lround(at416 * scale)); };
     const cv::Mat image = one_cell({px(416), px(300)}, {px(160), px(96)}, px(32));
@@ -56,7 +56,7 @@ TEST(AnchorDetector, FindsWhatItsWeightsSayAtAnySize) {
   EXPECT_TRUE(found(cv::Mat(200, 300, CV_8UC1, cv::Scalar(0))).empty());
 }
 
-TEST(AnchorDetector, AMarginMovesNothing) {
+TEST(AnchorDetector, MarginDoesNotShiftBoxes) {
   const cv::Mat image = one_cell({416, 416}, {0, 0}, 64);
   const std::vector<ScoredFace> faces = found(image, {.margin = 0.25});
   ASSERT_FALSE(faces.empty());
@@ -66,7 +66,7 @@ TEST(AnchorDetector, AMarginMovesNothing) {
   }
 }
 
-TEST(AnchorDetector, ThreadsDoNotMatter) {
+TEST(AnchorDetector, IsTheSameForAnyNumberOfThreads) {
   Rng rng(4);
   cv::Mat image(300, 500, CV_8UC1);
   for (int y = 0; y < image.rows; ++y)
@@ -87,7 +87,7 @@ TEST(AnchorDetector, ThreadsDoNotMatter) {
   }
 }
 
-TEST(AnchorDetector, RefusesOtherTensors) {
+TEST(AnchorDetector, RejectsInvalidTensors) {
   const auto broken = [](auto change) {
     NamedTensors tensors = bright_anchors();
     change(tensors);
@@ -115,7 +115,7 @@ TEST(AnchorDetector, RefusesOtherTensors) {
 
 class AnchorFiles : public FolderTest {};
 
-TEST_F(AnchorFiles, AreReadAsWritten) {
+TEST_F(AnchorFiles, RoundTrip) {
   const std::string file = path("face-anchors.json");
   write_anchor_detector(file, bright_anchors(), {{"data", "drawn"}});
   const AnchorDetector read = read_anchor_detector(file);
@@ -131,12 +131,12 @@ TEST_F(AnchorFiles, AreReadAsWritten) {
 }
 
 // The real network against the package that it comes from, run in Node: bench/peers/face_boxes.mjs.
-TEST_F(AnchorFiles, TheRealNetworkDrawsTheBoxesOfItsPackage) {
-  const char* place = std::getenv("TARSIER_FACE_API");
-  if (place == nullptr || !std::filesystem::exists(std::string(place) + "/model"))
+TEST_F(AnchorFiles, MatchesFaceApi) {
+  const char* folder = std::getenv("TARSIER_FACE_API");
+  if (folder == nullptr || !std::filesystem::exists(std::string(folder) + "/model"))
     GTEST_SKIP() << "needs the npm package @vladmandic/face-api: $TARSIER_FACE_API is its folder";
   if (std::system("node --version >/dev/null 2>&1") != 0) GTEST_SKIP() << "needs node";
-  const std::string package = place;
+  const std::string package = folder;
   const std::string manifest = package + "/model/tiny_face_detector_model-weights_manifest.json";
   const AnchorDetector detector =
       build_anchor_detector(linalg::read_weights_manifest(manifest), manifest);
@@ -144,10 +144,10 @@ TEST_F(AnchorFiles, TheRealNetworkDrawsTheBoxesOfItsPackage) {
   // program scales them.
   cv::Mat image(416, 416, CV_8UC1, cv::Scalar(90));
   for (int k = 0; k < 4; ++k) {
-    const cv::Point middle(100 + 210 * (k % 2), 110 + 200 * (k / 2));
+    const cv::Point center(100 + 210 * (k % 2), 110 + 200 * (k / 2));
     const double s = 0.7 + 0.2 * k;
     const auto part = [&](double dx, double dy, double w, double h, int grey) {
-      cv::ellipse(image, middle + cv::Point(cvRound(dx * s), cvRound(dy * s)),
+      cv::ellipse(image, center + cv::Point(cvRound(dx * s), cvRound(dy * s)),
                   cv::Size(cvRound(w * s), cvRound(h * s)), 0, 0, 360, cv::Scalar(grey), -1,
                   cv::LINE_AA);
     };

@@ -20,7 +20,7 @@ cv::Rect blended(const cv::Rect& old, const cv::Rect& seen, double share) {
 
 }  // namespace
 
-double usual_min_face(cv::Size image) {
+double default_min_face(cv::Size image) {
   constexpr double kSmallImage = 0.5e6;  // px
   return static_cast<double>(image.width) * image.height > kSmallImage ? 40 : 24;
 }
@@ -54,7 +54,7 @@ std::int64_t FaceDetector::pixels() const { return impl_->pixels; }
 
 std::vector<cv::Rect> FaceDetector::detect(const cv::Mat& frame) {
   const FaceDetectorOptions& options = impl_->options;
-  return detect(frame, options.min_face > 0 ? options.min_face : usual_min_face(frame.size()), 0);
+  return detect(frame, options.min_face > 0 ? options.min_face : default_min_face(frame.size()), 0);
 }
 
 std::vector<cv::Rect> FaceDetector::detect(const cv::Mat& frame, double min_face, double max_face) {
@@ -125,13 +125,13 @@ void FaceFollower::reset() {
 }
 
 const std::vector<FaceFollower::Face>& FaceFollower::follow(const cv::Mat& frame) {
-  constexpr double kSame = 0.25;   // overlap of two boxes of one face
-  constexpr double kFollow = 0.5;  // weight of the new position in the smoothing
+  constexpr double kMinIou = 0.25;          // overlap of two boxes of one face
+  constexpr double kSmoothingWeight = 0.5;  // weight of the new position in the smoothing
   Impl& my = *impl_;
   const bool search = my.frame++ % my.options.search_every == 0 || my.faces.empty();
-  std::vector<cv::Rect> seen;
+  std::vector<cv::Rect> detections;
   if (search) {
-    seen = my.detector.detect(frame);
+    detections = my.detector.detect(frame);
   } else {
     for (const Face& face : my.faces) {
       const int margin = face.box.width / 2;
@@ -140,26 +140,27 @@ const std::vector<FaceFollower::Face>& FaceFollower::follow(const cv::Mat& frame
                             cv::Rect(0, 0, frame.cols, frame.rows);
       if (area.empty()) continue;
       const std::vector<cv::Rect> found = my.near.detect(frame(area));
-      if (!found.empty()) seen.push_back(found.front() + area.tl());
+      if (!found.empty()) detections.push_back(found.front() + area.tl());
     }
   }
   for (Face& face : my.faces) {
     const auto best = std::max_element(
-        seen.begin(), seen.end(),
+        detections.begin(), detections.end(),
         [&](const cv::Rect& a, const cv::Rect& b) { return iou(face.box, a) < iou(face.box, b); });
-    if (best == seen.end() || iou(face.box, *best) < kSame) {
+    if (best == detections.end() || iou(face.box, *best) < kMinIou) {
       ++face.missed;
       continue;
     }
-    face.box = blended(face.box, *best, kFollow);
+    face.box = blended(face.box, *best, kSmoothingWeight);
     face.missed = 0;
-    seen.erase(best);
+    detections.erase(best);
   }
   std::erase_if(my.faces, [&](const Face& face) { return face.missed > my.options.forget_after; });
   if (search) {
-    for (const cv::Rect& box : seen) {
-      const bool known = std::any_of(my.faces.begin(), my.faces.end(),
-                                     [&](const Face& face) { return iou(face.box, box) >= kSame; });
+    for (const cv::Rect& box : detections) {
+      const bool known = std::any_of(my.faces.begin(), my.faces.end(), [&](const Face& face) {
+        return iou(face.box, box) >= kMinIou;
+      });
       if (!known) my.faces.push_back({my.next_id++, box, 0});
     }
   }

@@ -15,7 +15,7 @@ namespace tarsier::face {
 
 // Default width of the smallest face that is searched for, px of the image: 40, or 24 in images of
 // up to half a megapixel, where it costs little.
-[[nodiscard]] double usual_min_face(cv::Size image);
+[[nodiscard]] double default_min_face(cv::Size image);
 
 struct FaceDetectorOptions {
   double min_face = 0;  // px of the image, width of the smallest box; 0: the default

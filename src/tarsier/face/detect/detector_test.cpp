@@ -27,14 +27,14 @@ class FaceTest : public testing::Test {
   }
 };
 
-TEST_F(FaceTest, FindsTheFaceOfAImage) {
+TEST_F(FaceTest, DetectsFace) {
   FaceDetector detector({.max_width = 320});
   const std::vector<cv::Rect> faces = detector.detect(read_image(kImage));
   ASSERT_FALSE(faces.empty());
   EXPECT_TRUE(faces[0].contains(cv::Point(240, 115))) << faces[0];
 }
 
-TEST_F(FaceTest, FollowsAMovingFaceUnderOneIdentity) {
+TEST_F(FaceTest, TracksMovingFaceUnderOneId) {
   const synth::Portrait portrait = synth::render_portrait({320, 240});
   const cv::Point2d nose = portrait.truth.nose;
   FaceFollower follower;
@@ -53,7 +53,7 @@ TEST_F(FaceTest, FollowsAMovingFaceUnderOneIdentity) {
   }
 }
 
-TEST_F(FaceTest, ForgetsAFaceThatIsGone) {
+TEST_F(FaceTest, DropsFaceAfterMissedFrames) {
   FaceFollower follower({}, {.search_every = 2, .forget_after = 3});
   ASSERT_FALSE(follower.follow(read_image(kImage)).empty());
   const cv::Mat nothing(342, 548, CV_8UC3, cv::Scalar(90, 90, 90));

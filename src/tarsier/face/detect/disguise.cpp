@@ -197,12 +197,12 @@ void hold_object(cv::Mat& view, const std::vector<cv::Point2d>& points, const Fa
   } else {
     const double angle = rng.uniform(0, CV_PI);
     const cv::Point2d along(std::cos(angle), std::sin(angle));
-    const cv::Point2d beside(-along.y, along.x);
+    const cv::Point2d normal(-along.y, along.x);
     const double length = axes.eyes * rng.uniform(0.5, 3);
     const double width = axes.eyes * rng.uniform(0.05, 0.3);
     fill(mask,
-         {center - along * length - beside * width, center + along * length - beside * width,
-          center + along * length + beside * width, center - along * length + beside * width});
+         {center - along * length - normal * width, center + along * length - normal * width,
+          center + along * length + normal * width, center - along * length + normal * width});
   }
   const double skin =
       view.at<std::uint8_t>(std::clamp(cvRound(points[30].y - 0.5), 0, view.rows - 1),

@@ -31,7 +31,7 @@ std::vector<cv::Point2d> drawn_face(cv::Point2d eyes, double width) {
   return points;
 }
 
-TEST(Disguise, ChangesPartOfTheFaceAndLittleBesideIt) {
+TEST(Disguise, ChangesPartOfTheFaceAndLittleElse) {
   const std::vector<cv::Point2d> points = drawn_face({60, 50}, 48);
   const cv::Mat texture(120, 120, CV_8UC1, cv::Scalar(40));
   Rng rng(3);
@@ -49,7 +49,7 @@ TEST(Disguise, ChangesPartOfTheFaceAndLittleBesideIt) {
   EXPECT_GE(changed_faces, 36);
 }
 
-TEST(Disguise, TheSameSeedGivesTheSame) {
+TEST(Disguise, IsDeterministicBySeed) {
   const std::vector<cv::Point2d> points = drawn_face({20, 18}, 16);
   const cv::Mat texture(40, 40, CV_8UC1, cv::Scalar(90));
   cv::Mat views[2];
@@ -62,7 +62,7 @@ TEST(Disguise, TheSameSeedGivesTheSame) {
 }
 
 // Points far outside the view, all in one place, or mirrored: no access outside the image.
-TEST(Disguise, ExtremePlacesDoNoHarm) {
+TEST(Disguise, AcceptsExtremePoints) {
   const cv::Mat texture(40, 40, CV_8UC1, cv::Scalar(90));
   std::vector<cv::Point2d> mirrored = drawn_face({20, 18}, 16);
   for (cv::Point2d& p : mirrored) p.x = 40 - p.x;

@@ -20,14 +20,15 @@ constexpr int kContrastReach = 8;    // 2 x 2 blocks on each side: 34 px, about 
 constexpr float kContrastFloor = 8;  // grey values
 // Of the first network; later stages cannot recover its misses.
 constexpr double kScanThreshold = 0.1;
-constexpr std::size_t kMaxFinds = 3000;   // candidates per level: bounds the work for any image
-constexpr double kJudgeThreshold = 0.15;  // of the second
-constexpr double kClearlyNot = -3;        // logit of the third
-constexpr double kDeviationFloor = 4;     // grey values, of a window
+constexpr std::size_t kMaxCandidatesPerLevel =
+    3000;                                  // candidates per level: bounds the work for any image
+constexpr double kRefineThreshold = 0.15;  // of the second
+constexpr double kMinMirrorLogit = -3;     // logit of the third
+constexpr double kDeviationFloor = 4;      // grey values, of a window
 // Windows evaluated at once: they fit into the second-level cache.
-constexpr std::size_t kStack = 16;
+constexpr std::size_t kBatchSize = 16;
 
-bool is_same(const cv::Rect2d& a, const cv::Rect2d& b, double overlap) {
+bool is_same_face(const cv::Rect2d& a, const cv::Rect2d& b, double overlap) {
   const double width = std::min(a.x + a.width, b.x + b.width) - std::max(a.x, b.x);
   if (width <= 0) return false;
   const double height = std::min(a.y + a.height, b.y + b.height) - std::max(a.y, b.y);
@@ -120,20 +121,20 @@ void normalize_window(const float* window, int side, bool flipped, float* planes
   }
 }
 
-struct Judgement {
+struct WindowOutput {
   double logit = 0;
   cv::Rect2d box;
 };
 
 // A network's output for windows: four numbers for each, for the unchanged or the mirrored window.
-void say(const linalg::Network& network, FaceWindow form, const std::vector<const float*>& windows,
-         bool flipped, FaceSearchWorkspace& workspace,
-         std::vector<std::array<double, 4>>& answers) {
+void run_windows(const linalg::Network& network, FaceWindow form,
+                 const std::vector<const float*>& windows, bool flipped,
+                 FaceSearchWorkspace& workspace, std::vector<std::array<double, 4>>& outputs) {
   const std::size_t plane =
       static_cast<std::size_t>(form.side) / 2 * static_cast<std::size_t>(form.side) / 2;
-  answers.clear();
-  for (std::size_t first = 0; first < windows.size(); first += kStack) {
-    const std::size_t count = std::min(kStack, windows.size() - first);
+  outputs.clear();
+  for (std::size_t first = 0; first < windows.size(); first += kBatchSize) {
+    const std::size_t count = std::min(kBatchSize, windows.size() - first);
     workspace.input.resize(4 * count * plane);
     for (std::size_t i = 0; i < count; ++i) {
       normalize_window(windows[first + i], form.side, flipped, workspace.input.data() + i * plane,
@@ -143,19 +144,19 @@ void say(const linalg::Network& network, FaceWindow form, const std::vector<cons
         linalg::run_stack(network, workspace.input.data(), {4, form.side / 2, form.side / 2},
                           static_cast<int>(count), workspace.stack);
     for (std::size_t i = 0; i < count; ++i) {
-      std::array<double, 4> answer{};
-      for (std::size_t k = 0; k < 4; ++k) answer[k] = static_cast<double>(out[k * count + i]);
-      if (flipped) answer[1] = -answer[1];
-      answers.push_back(answer);
+      std::array<double, 4> output{};
+      for (std::size_t k = 0; k < 4; ++k) output[k] = static_cast<double>(out[k * count + i]);
+      if (flipped) output[1] = -output[1];
+      outputs.push_back(output);
     }
   }
 }
 
 // The network's output for the boxes. With `both`, the mean with the output for the mirror image,
 // unless the first output is clearly negative.
-std::vector<Judgement> judge_boxes(const std::vector<ScoredFace>& boxes,
-                                   const linalg::Network& network, FaceWindow form, bool both,
-                                   FaceSearchWorkspace& workspace) {
+std::vector<WindowOutput> evaluate_boxes(const std::vector<ScoredFace>& boxes,
+                                         const linalg::Network& network, FaceWindow form, bool both,
+                                         FaceSearchWorkspace& workspace) {
   const std::size_t size =
       static_cast<std::size_t>(form.side) * static_cast<std::size_t>(form.side);
   workspace.windows.resize(boxes.size() * size);
@@ -165,32 +166,32 @@ std::vector<Judgement> judge_boxes(const std::vector<ScoredFace>& boxes,
     cut_window(workspace.halves, boxes[i].box, form, window);
     windows.push_back(window);
   }
-  std::vector<std::array<double, 4>> answers;
-  say(network, form, windows, false, workspace, answers);
+  std::vector<std::array<double, 4>> outputs;
+  run_windows(network, form, windows, false, workspace, outputs);
   if (both) {
     std::vector<std::size_t> again;
     std::vector<const float*> mirrored;
     for (std::size_t i = 0; i < boxes.size(); ++i) {
-      if (answers[i][0] < kClearlyNot) continue;
+      if (outputs[i][0] < kMinMirrorLogit) continue;
       again.push_back(i);
       mirrored.push_back(windows[i]);
     }
     std::vector<std::array<double, 4>> others;
-    say(network, form, mirrored, true, workspace, others);
+    run_windows(network, form, mirrored, true, workspace, others);
     for (std::size_t j = 0; j < again.size(); ++j) {
       for (std::size_t k = 0; k < 4; ++k) {
-        answers[again[j]][k] = 0.5 * (answers[again[j]][k] + others[j][k]);
+        outputs[again[j]][k] = 0.5 * (outputs[again[j]][k] + others[j][k]);
       }
     }
   }
-  std::vector<Judgement> result;
+  std::vector<WindowOutput> result;
   for (std::size_t i = 0; i < boxes.size(); ++i) {
     const cv::Rect2d& box = boxes[i].box;
-    const std::array<double, 4>& answer = answers[i];
-    const double width = box.width * std::exp(std::clamp(answer[3], -0.5, 0.5));
-    const double x = box.x + box.width / 2 + std::clamp(answer[1], -0.5, 0.5) * box.width;
-    const double y = box.y + box.height / 2 + std::clamp(answer[2], -0.5, 0.5) * box.width;
-    result.push_back({answer[0], {x - width / 2, y - width / 2, width, width}});
+    const std::array<double, 4>& output = outputs[i];
+    const double width = box.width * std::exp(std::clamp(output[3], -0.5, 0.5));
+    const double x = box.x + box.width / 2 + std::clamp(output[1], -0.5, 0.5) * box.width;
+    const double y = box.y + box.height / 2 + std::clamp(output[2], -0.5, 0.5) * box.width;
+    result.push_back({output[0], {x - width / 2, y - width / 2, width, width}});
   }
   return result;
 }
@@ -219,14 +220,14 @@ void scan_level(const cv::Mat& gray, double scale, const FaceNetworks& networks,
       linalg::run_stack(networks.scan, workspace.input.data(), input, 1, workspace.stack);
   const linalg::Shape map = networks.scan.output(input);
   const auto plane = static_cast<std::size_t>(map.height) * static_cast<std::size_t>(map.width);
-  const auto least = static_cast<float>(std::log(kScanThreshold / (1 - kScanThreshold)));
+  const auto min_logit = static_cast<float>(std::log(kScanThreshold / (1 - kScanThreshold)));
   const double sx = static_cast<double>(gray.cols) / size.width;
   const double sy = static_cast<double>(gray.rows) / size.height;
   for (int y = 0; y < map.height; ++y) {
     for (int x = 0; x < map.width; ++x) {
       const std::size_t at = static_cast<std::size_t>(y) * static_cast<std::size_t>(map.width) +
                              static_cast<std::size_t>(x);
-      if (out[at] < least) continue;
+      if (out[at] < min_logit) continue;
       const auto value = [&](std::size_t k) { return static_cast<double>(out[k * plane + at]); };
       const double width = kScanFace * std::exp(std::clamp(value(3), -0.7, 0.7));
       const double middle_x = (x + 0.5) * kScanCell - kBorder + value(1) * kScanFace;
@@ -248,7 +249,7 @@ linalg::Network scan_network() {
   return network;
 }
 
-linalg::Network judge_network() {
+linalg::Network refine_network() {
   linalg::Network network;
   network.layers = {linalg::convolution(4, 12, 3, 3),
                     linalg::maximum(12, 2, 2),
@@ -261,7 +262,7 @@ linalg::Network judge_network() {
   return network;
 }
 
-linalg::Network check_network() {
+linalg::Network verify_network() {
   linalg::Network network;
   network.layers = {linalg::convolution(4, 16, 3, 3),  linalg::maximum(16, 2, 2),
                     linalg::convolution(16, 32, 3, 3), linalg::convolution(32, 40, 3, 3),
@@ -273,9 +274,9 @@ linalg::Network check_network() {
 
 void FaceNetworks::require() const {
   scan.check();
-  judge.check();
-  check.check();
-  TARSIER_REQUIRE(linalg::can_stack(scan) && linalg::can_stack(judge) && linalg::can_stack(check),
+  refine.check();
+  verify.check();
+  TARSIER_REQUIRE(linalg::can_stack(scan) && linalg::can_stack(refine) && linalg::can_stack(verify),
                   "a network has a convolution of another stride than 1");
   constexpr linalg::Shape kScanned{4, 32, 48};
   TARSIER_REQUIRE((scan.output(kScanned) == linalg::Shape{4, 16, 24}),
@@ -288,9 +289,10 @@ void FaceNetworks::require() const {
                     "the {} network does not give 4 numbers", name);
     TARSIER_REQUIRE(network.cost(input) < 1e8, "the {} network is too large", name);
   };
-  require_window(judge, kJudgeWindow, "second");
-  require_window(check, kCheckWindow, "third");
-  TARSIER_REQUIRE(likely > 0 && likely <= sure && sure < 1, "scores {} and {}", likely, sure);
+  require_window(refine, kRefineWindow, "second");
+  require_window(verify, kVerifyWindow, "third");
+  TARSIER_REQUIRE(likely_score > 0 && likely_score <= confident_score && confident_score < 1,
+                  "scores {} and {}", likely_score, confident_score);
 }
 
 void FaceSearchOptions::check() const {
@@ -459,7 +461,7 @@ std::vector<ScoredFace> suppress_overlaps(std::vector<ScoredFace> faces, double 
       for (int v = std::max(0, y - 1); v <= std::min(rows - 1, y + 1); ++v) {
         for (int u = std::max(0, x - 1); u <= std::min(cols - 1, x + 1); ++u) {
           for (const cv::Rect2d& better : cell_at(u, v)) {
-            if (is_same(better, face.box, overlap)) return true;
+            if (is_same_face(better, face.box, overlap)) return true;
           }
         }
       }
@@ -484,48 +486,49 @@ std::vector<ScoredFace> scan_faces(const cv::Mat& gray, const FaceNetworks& netw
   for (double face = options.min_face;; face *= kScanStep) {
     found.clear();
     scan_level(gray, kScanFace / face, networks, workspace, found);
-    if (found.size() > kMaxFinds) {
+    if (found.size() > kMaxCandidatesPerLevel) {
       std::stable_sort(found.begin(), found.end(),
                        [](const ScoredFace& a, const ScoredFace& b) { return a.score > b.score; });
-      found.resize(kMaxFinds);
+      found.resize(kMaxCandidatesPerLevel);
     }
     // Within a level, several cells respond to the same face. A neighbouring level's box may be
     // better, so the overlap threshold is high.
-    for (ScoredFace& place : suppress_overlaps(std::move(found), 0.6)) all.push_back(place);
+    for (ScoredFace& candidate : suppress_overlaps(std::move(found), 0.6)) all.push_back(candidate);
     if (face * kScanStep >= largest) break;
   }
-  std::vector<ScoredFace> places = suppress_overlaps(std::move(all), 0.65);
-  if (places.size() > static_cast<std::size_t>(options.max_places)) {
-    places.resize(static_cast<std::size_t>(options.max_places));
+  std::vector<ScoredFace> candidates = suppress_overlaps(std::move(all), 0.65);
+  if (candidates.size() > static_cast<std::size_t>(options.max_candidates)) {
+    candidates.resize(static_cast<std::size_t>(options.max_candidates));
   }
-  return places;
+  return candidates;
 }
 
 std::vector<ScoredFace> search_faces(const cv::Mat& gray, const FaceNetworks& networks,
                                      const FaceSearchOptions& options,
                                      FaceSearchWorkspace& workspace) {
-  const std::vector<ScoredFace> places = scan_faces(gray, networks, options, workspace);
-  const double least = options.threshold > 0 ? options.threshold : networks.likely;
+  const std::vector<ScoredFace> candidates = scan_faces(gray, networks, options, workspace);
+  const double min_score = options.threshold > 0 ? options.threshold : networks.likely_score;
   std::vector<ScoredFace> faces;
   // Several candidates may move to one face: the third network evaluates it once.
-  std::vector<ScoredFace> judged;
-  workspace.places += static_cast<std::int64_t>(places.size());
-  for (const Judgement& first :
-       judge_boxes(places, networks.judge, kJudgeWindow, false, workspace)) {
+  std::vector<ScoredFace> refined;
+  workspace.candidates += static_cast<std::int64_t>(candidates.size());
+  for (const WindowOutput& first :
+       evaluate_boxes(candidates, networks.refine, kRefineWindow, false, workspace)) {
     const double score = logistic(first.logit);
-    if (score >= (options.checked ? kJudgeThreshold : least)) judged.push_back({first.box, score});
+    if (score >= (options.with_verification ? kRefineThreshold : min_score))
+      refined.push_back({first.box, score});
   }
-  judged = suppress_overlaps(std::move(judged), 0.6);
-  if (!options.checked) return judged;
+  refined = suppress_overlaps(std::move(refined), 0.6);
+  if (!options.with_verification) return refined;
   // At most a quarter of the candidates is passed to the third network.
-  const auto most = static_cast<std::size_t>(std::max(1, options.max_places / 4));
-  if (judged.size() > most) judged.resize(most);
-  workspace.checked += static_cast<std::int64_t>(judged.size());
-  for (const Judgement& second :
-       judge_boxes(judged, networks.check, kCheckWindow, true, workspace)) {
+  const auto max_refined = static_cast<std::size_t>(std::max(1, options.max_candidates / 4));
+  if (refined.size() > max_refined) refined.resize(max_refined);
+  workspace.verified += static_cast<std::int64_t>(refined.size());
+  for (const WindowOutput& second :
+       evaluate_boxes(refined, networks.verify, kVerifyWindow, true, workspace)) {
     const double score = logistic(second.logit);
     // Levels extend slightly below the requested size.
-    if (score >= least && second.box.width >= 0.85 * options.min_face) {
+    if (score >= min_score && second.box.width >= 0.85 * options.min_face) {
       faces.push_back({second.box, score});
     }
   }

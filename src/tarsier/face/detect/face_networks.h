@@ -40,18 +40,18 @@ struct FaceWindow {
   int side = 0;
   int box = 0;
 };
-inline constexpr FaceWindow kJudgeWindow{40, 24};
-inline constexpr FaceWindow kCheckWindow{56, 34};
-[[nodiscard]] linalg::Network judge_network();
-[[nodiscard]] linalg::Network check_network();
+inline constexpr FaceWindow kRefineWindow{40, 24};
+inline constexpr FaceWindow kVerifyWindow{56, 34};
+[[nodiscard]] linalg::Network refine_network();
+[[nodiscard]] linalg::Network verify_network();
 
 struct FaceNetworks {
   linalg::Network scan = scan_network();
-  linalg::Network judge = judge_network();
-  linalg::Network check = check_network();
-  // Minimum scores of a sure face and of a likely face (a candidate for a closer look), 0..1.
-  double sure = 0.9;
-  double likely = 0.5;
+  linalg::Network refine = refine_network();
+  linalg::Network verify = verify_network();
+  // Minimum scores of a confident face and of a likely face (a candidate for a closer look), 0..1.
+  double confident_score = 0.9;
+  double likely_score = 0.5;
   // Throws std::invalid_argument if the networks have other inputs or outputs than these.
   void require() const;
 };
@@ -62,16 +62,16 @@ struct ScoredFace {
 };
 
 struct FaceSearchOptions {
-  double min_face = 40;  // px, width of the smallest box
-  double max_face = 0;   // px, of the largest; 0: as large as the image
-  double threshold = 0;  // min score of a face; 0: the networks' `likely`
-  int max_places = 200;  // max candidates of the first network that the second evaluates
-  bool checked = true;   // false: without the third network
+  double min_face = 40;           // px, width of the smallest box
+  double max_face = 0;            // px, of the largest; 0: as large as the image
+  double threshold = 0;           // min score of a face; 0: the networks' `likely_score`
+  int max_candidates = 200;       // max candidates of the first network that the second evaluates
+  bool with_verification = true;  // false: without the third network
 
   [[nodiscard]] OptionFields fields() {
     return {{"min_face", min_face, at_least(kScanFace)},
             {"threshold", threshold, range_below(0, 1)},
-            {"max_places", max_places, range(1, 10000)}};
+            {"max_places", max_candidates, range(1, 10000)}};
   }
   void check() const;
 };
@@ -86,8 +86,8 @@ struct FaceSearchWorkspace {
   // Cost of the searches so far: pixels of the levels that the first network evaluated, and
   // candidates that the second and the third evaluated.
   std::int64_t pixels = 0;
-  std::int64_t places = 0;
-  std::int64_t checked = 0;
+  std::int64_t candidates = 0;
+  std::int64_t verified = 0;
 };
 
 // Faces in `gray` (CV_8UC1), best first, after non-maximum suppression. The result does not depend

@@ -11,10 +11,10 @@ constexpr int kVersion = 1;
 
 void list_face_networks(linalg::ModelFields& file, FaceNetworks& networks) {
   file.network("scan", networks.scan);
-  file.network("judge", networks.judge);
-  file.network("check", networks.check);
-  file.number("sure", networks.sure, 0, 1);
-  file.number("likely", networks.likely, 0, 1);
+  file.network("judge", networks.refine);
+  file.network("check", networks.verify);
+  file.number("sure", networks.confident_score, 0, 1);
+  file.number("likely", networks.likely_score, 0, 1);
 }
 
 }  // namespace

@@ -26,8 +26,8 @@ FaceNetworks random_networks(std::uint64_t seed) {
   FaceNetworks networks;
   Rng rng(seed);
   linalg::initialize(networks.scan, rng);
-  linalg::initialize(networks.judge, rng);
-  linalg::initialize(networks.check, rng);
+  linalg::initialize(networks.refine, rng);
+  linalg::initialize(networks.verify, rng);
   return networks;
 }
 
@@ -41,17 +41,17 @@ cv::Mat noise(cv::Size size, std::uint64_t seed) {
 
 class FaceNetworksTest : public FolderTest {};
 
-TEST_F(FaceNetworksTest, SurviveTheirFile) {
+TEST_F(FaceNetworksTest, FileRoundTrip) {
   const FaceNetworks networks = random_networks(3);
   write_face_networks(path("n.json"), networks, {{"terms", "none"}});
   const FaceNetworks read = read_face_networks(path("n.json"));
   EXPECT_EQ(read.scan.layers[0].weights, networks.scan.layers[0].weights);
-  EXPECT_EQ(read.judge.layers[2].weights, networks.judge.layers[2].weights);
-  EXPECT_EQ(read.check.layers[6].bias, networks.check.layers[6].bias);
-  EXPECT_EQ(read.sure, networks.sure);
+  EXPECT_EQ(read.refine.layers[2].weights, networks.refine.layers[2].weights);
+  EXPECT_EQ(read.verify.layers[6].bias, networks.verify.layers[6].bias);
+  EXPECT_EQ(read.confident_score, networks.confident_score);
 }
 
-TEST_F(FaceNetworksTest, OtherNetworksAreRefused) {
+TEST_F(FaceNetworksTest, RejectsInvalidFiles) {
   write_face_networks(path("n.json"), random_networks(3), nlohmann::json::object());
   const Archive right = read_archive(path("n.json"), kFaceNetworksType, 1);
   const auto expect_refused = [&](const Archive& wrong) {
@@ -75,7 +75,7 @@ TEST(FaceSearch, RefusesOptionsOutOfRange) {
   EXPECT_THROW((FaceSearchOptions{.threshold = 1}.check()), std::invalid_argument);
 }
 
-TEST(FaceSearch, TheCostDependsOnTheSmallestFaceAndNotOnTheScale) {
+TEST(FaceSearch, CostDependsOnMinFaceRelativeToTheImage) {
   const FaceNetworks networks = random_networks(5);
   FaceSearchWorkspace workspace;
   const cv::Mat small = noise({320, 200}, 1);
@@ -89,20 +89,20 @@ TEST(FaceSearch, TheCostDependsOnTheSmallestFaceAndNotOnTheScale) {
   EXPECT_LT(first, 3.2 * 256 * 160);
 }
 
-TEST(FaceSearch, TheWorkHasAnEndWhateverTheImageHolds) {
+TEST(FaceSearch, BoundsWorkWhenEveryWindowPasses) {
   FaceNetworks networks = random_networks(5);
   networks.scan.layers.back().bias[0] = 20;  // every window scores as a face
-  networks.judge.layers.back().bias[0] = 20;
-  networks.check.layers.back().bias[0] = 20;
+  networks.refine.layers.back().bias[0] = 20;
+  networks.verify.layers.back().bias[0] = 20;
   FaceSearchWorkspace workspace;
-  const auto faces =
-      search_faces(noise({320, 240}, 2), networks, {.min_face = 16, .max_places = 50}, workspace);
-  EXPECT_LE(workspace.places, 50);
+  const auto faces = search_faces(noise({320, 240}, 2), networks,
+                                  {.min_face = 16, .max_candidates = 50}, workspace);
+  EXPECT_LE(workspace.candidates, 50);
   EXPECT_LE(faces.size(), 50U);
   EXPECT_FALSE(faces.empty());
 }
 
-TEST(FaceSearch, TinyImagesAreNoTrouble) {
+TEST(FaceSearch, AcceptsTinyImages) {
   FaceSearchWorkspace workspace;
   const FaceNetworks networks = random_networks(1);
   for (const cv::Size size : {cv::Size(1, 1), cv::Size(3, 200), cv::Size(17, 16)}) {
@@ -111,7 +111,7 @@ TEST(FaceSearch, TinyImagesAreNoTrouble) {
   }
 }
 
-TEST(FaceSearch, TheFirstNetworkSeesLocalContrast) {
+TEST(FaceSearch, ScanInputIsLocallyNormalised) {
   cv::Mat gray = noise({44, 40}, 8);
   gray.colRange(20, 44).convertTo(gray.colRange(20, 44), CV_8U, 0.4, 90);
   FaceSearchWorkspace workspace;
@@ -145,7 +145,7 @@ TEST(FaceSearch, TheFirstNetworkSeesLocalContrast) {
   }
 }
 
-TEST(SuppressOverlaps, TheBetterOfTwoOnOneFaceStaysAndNeighboursDo) {
+TEST(SuppressOverlaps, KeepsBestOfOverlappingBoxesAndNeighbours) {
   const std::vector<ScoredFace> kept = suppress_overlaps({{{0, 0, 40, 40}, 0.8},
                                                           {{4, 2, 40, 40}, 0.9},     // the same
                                                           {{12, 12, 18, 18}, 0.85},  // inside it
@@ -155,7 +155,7 @@ TEST(SuppressOverlaps, TheBetterOfTwoOnOneFaceStaysAndNeighboursDo) {
   EXPECT_EQ(kept[1].box.x, 45);
 }
 
-TEST(SuppressOverlaps, NoTwoThatStayOverlapAndEachThatGoesOverlapsABetterOne) {
+TEST(SuppressOverlaps, RemovesExactlyTheBoxesThatOverlapABetterOne) {
   Rng rng(12);
   std::vector<ScoredFace> faces;
   for (int i = 0; i < 600; ++i) {
@@ -164,7 +164,7 @@ TEST(SuppressOverlaps, NoTwoThatStayOverlapAndEachThatGoesOverlapsABetterOne) {
     const double y = rng.uniform(-20, 300);
     faces.push_back({{x, y, width, width}, rng.uniform()});
   }
-  const auto is_same = [](const cv::Rect2d& a, const cv::Rect2d& b) {
+  const auto is_same_face = [](const cv::Rect2d& a, const cv::Rect2d& b) {
     const double common = (a & b).area();
     return common > 0.35 * (a.area() + b.area() - common) ||
            common > 0.75 * std::min(a.area(), b.area());
@@ -176,7 +176,7 @@ TEST(SuppressOverlaps, NoTwoThatStayOverlapAndEachThatGoesOverlapsABetterOne) {
     int itself = 0;
     for (const ScoredFace& other : kept) {
       itself += other.box == face.box ? 1 : 0;
-      better += other.score > face.score && is_same(other.box, face.box) ? 1 : 0;
+      better += other.score > face.score && is_same_face(other.box, face.box) ? 1 : 0;
     }
     EXPECT_EQ(itself, better == 0 ? 1 : 0);
   }
@@ -222,7 +222,7 @@ class FaceTrainingTest : public FolderTest {
 
 TEST_F(FaceTrainingTest, IsTheSameForAnyNumberOfThreads) {
   const FaceTrainingOptions options{
-      .scan_steps = 4, .judge_steps = 3, .check_steps = 3, .drawings = 0};
+      .scan_steps = 4, .refine_steps = 3, .verify_steps = 3, .drawings = 0};
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
   const FaceTraining one = train_face_networks(images_, "set", options, silent_, {});
@@ -230,14 +230,14 @@ TEST_F(FaceTrainingTest, IsTheSameForAnyNumberOfThreads) {
   const FaceTraining three = train_face_networks(images_, "set", options, silent_, {});
   cv::setNumThreads(threads);
   EXPECT_EQ(one.faces, 3);
-  EXPECT_EQ(one.without, 2);
+  EXPECT_EQ(one.without_faces, 2);
   for (std::size_t i = 0; i < one.networks.scan.layers.size(); ++i) {
     EXPECT_EQ(one.networks.scan.layers[i].weights, three.networks.scan.layers[i].weights);
   }
-  EXPECT_EQ(one.networks.check.layers[0].weights, three.networks.check.layers[0].weights);
+  EXPECT_EQ(one.networks.verify.layers[0].weights, three.networks.verify.layers[0].weights);
 }
 
-TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByImagesThatWereHeldOut) {
+TEST_F(FaceTrainingTest, ThresholdComesFromHeldOutImages) {
   TARSIER_LONG_TEST();
   for (int i = 2; i < 8; ++i) {
     const std::string name = path("none" + std::to_string(i) + ".png");
@@ -245,31 +245,31 @@ TEST_F(FaceTrainingTest, WhatIsSureIsDecidedByImagesThatWereHeldOut) {
     images_.push_back({name, {}, {}});
   }
   // Networks with little training take anything for a face.
-  FaceTrainingOptions options{.scan_steps = 3, .judge_steps = 3, .check_steps = 3, .drawings = 0};
+  FaceTrainingOptions options{.scan_steps = 3, .refine_steps = 3, .verify_steps = 3, .drawings = 0};
   options.false_alarms = 0;
   const FaceTraining strict = train_face_networks(images_, "set", options, silent_, {});
-  EXPECT_EQ(strict.without, 6);
+  EXPECT_EQ(strict.without_faces, 6);
   EXPECT_EQ(strict.held_out, 2);
   EXPECT_LE(strict.held_out_alarms, strict.held_out_likely);
   options.false_alarms = 10'000;
   const FaceTraining loose = train_face_networks(images_, "set", options, silent_, {});
   EXPECT_EQ(strict.held_out_alarms, 0);
-  EXPECT_NEAR(loose.networks.sure, 0.5, 0.05);
+  EXPECT_NEAR(loose.networks.confident_score, 0.5, 0.05);
   EXPECT_GT(loose.held_out_alarms, 0);
-  EXPECT_GT(strict.networks.sure, loose.networks.sure);
+  EXPECT_GT(strict.networks.confident_score, loose.networks.confident_score);
   FaceSearchWorkspace workspace;
   // Every third image without faces.
   for (const int number : {2, 5}) {
-    const auto faces = search_faces(read_gray_image(path("none" + std::to_string(number) + ".png")),
-                                    strict.networks,
-                                    {.min_face = 24, .threshold = strict.networks.sure}, workspace);
+    const auto faces = search_faces(
+        read_gray_image(path("none" + std::to_string(number) + ".png")), strict.networks,
+        {.min_face = 24, .threshold = strict.networks.confident_score}, workspace);
     EXPECT_TRUE(faces.empty()) << number;
   }
 }
 
-TEST_F(FaceTrainingTest, TakesPixelsInPlaceOfAFile) {
+TEST_F(FaceTrainingTest, UsesGivenPixelsInsteadOfTheFile) {
   const FaceTrainingOptions options{
-      .scan_steps = 3, .judge_steps = 3, .check_steps = 3, .drawings = 0};
+      .scan_steps = 3, .refine_steps = 3, .verify_steps = 3, .drawings = 0};
   const FaceTraining files = train_face_networks(images_, "set", options, silent_, {});
   for (FaceImage& image : images_) {
     image.gray = read_gray_image(image.image);
@@ -280,7 +280,7 @@ TEST_F(FaceTrainingTest, TakesPixelsInPlaceOfAFile) {
   EXPECT_EQ(pixels.networks.scan.layers[0].weights, files.networks.scan.layers[0].weights);
 }
 
-TEST(SureScore, IsWhereAsManyAlarmsAreExpectedAsAreAllowed) {
+TEST(ConfidentScore, MatchesAllowedFalseAlarms) {
   // Logits above 0 (score above 0.5), exponentially distributed with mean 1.5.
   std::vector<double> scores;
   constexpr int kCount = 400;
@@ -290,19 +290,19 @@ TEST(SureScore, IsWhereAsManyAlarmsAreExpectedAsAreAllowed) {
     scores.push_back(0.1);  // below the min score: does not count
   }
   for (const double allowed : {200.0, 40.0, 30.0}) {
-    const double sure = sure_score(scores, 0.5, allowed);
-    const double logit = std::log(sure / (1 - sure));
+    const double confident = choose_confident_score(scores, 0.5, allowed);
+    const double logit = std::log(confident / (1 - confident));
     EXPECT_NEAR(logit, 1.5 * std::log(kCount / allowed), 0.02 * logit) << allowed;
   }
-  EXPECT_EQ(sure_score(scores, 0.5, 400), 0.5);  // all are allowed
-  EXPECT_EQ(sure_score({}, 0.5, 0), 0.5);
-  EXPECT_EQ(sure_score(scores, 0.5, 0.001), 0.98);
-  const double none = sure_score({0.6, 0.8, 0.7}, 0.5, 0);
+  EXPECT_EQ(choose_confident_score(scores, 0.5, 400), 0.5);  // all are allowed
+  EXPECT_EQ(choose_confident_score({}, 0.5, 0), 0.5);
+  EXPECT_EQ(choose_confident_score(scores, 0.5, 0.001), 0.98);
+  const double none = choose_confident_score({0.6, 0.8, 0.7}, 0.5, 0);
   EXPECT_NEAR(none, 0.9, 1e-9);  // above the max score
-  EXPECT_THROW((void)sure_score(scores, 0.5, -1), std::invalid_argument);
+  EXPECT_THROW((void)choose_confident_score(scores, 0.5, -1), std::invalid_argument);
 }
 
-TEST(FaceTrainingViews, ThePlaceOfAPointIsWhereItIsDrawn) {
+TEST(FaceTrainingViews, TransformMatchesRenderedView) {
   Rng rng(4);
   for (int round = 0; round < 20; ++round) {
     cv::Mat gray(200, 240, CV_8UC1, cv::Scalar(20));
@@ -311,30 +311,30 @@ TEST(FaceTrainingViews, ThePlaceOfAPointIsWhereItIsDrawn) {
     training::Image image;
     make_halves(gray, 0.2, image.halves);
     const double scale = training::log_uniform(rng, 0.4, 2);
-    const training::Place where =
-        training::place({110, 110}, {32, 32}, scale, training::face_turn(false, rng));
-    const cv::Mat view = training::view_of(image, where, 64);
+    const training::ViewTransform transform = training::view_transform(
+        {110, 110}, {32, 32}, scale, training::random_orientation(false, rng));
+    const cv::Mat view = training::render_view(image, transform, 64);
     cv::Mat weights;
     view.convertTo(weights, CV_32F, 1, -20);
     const cv::Moments moments = cv::moments(weights);
-    const cv::Point2d at = where(dot);
+    const cv::Point2d at = transform(dot);
     EXPECT_NEAR(moments.m10 / moments.m00 + 0.5, at.x, 0.25);
     EXPECT_NEAR(moments.m01 / moments.m00 + 0.5, at.y, 0.25);
   }
 }
 
-TEST(FaceTrainingViews, SomethingElseMayLieBehindAnImage) {
+TEST(FaceTrainingViews, ShowsBackgroundOutsideTheImage) {
   training::Image image;
   make_halves(cv::Mat(20, 20, CV_8UC1, cv::Scalar(200)), 0.5, image.halves);
-  const cv::Mat behind(64, 64, CV_8UC1, cv::Scalar(10));
-  const training::Place where = training::place({10, 10}, {32, 32}, 1, {});
-  const cv::Mat view = training::view_of(image, where, 64, &behind);
+  const cv::Mat background(64, 64, CV_8UC1, cv::Scalar(10));
+  const training::ViewTransform transform = training::view_transform({10, 10}, {32, 32}, 1, {});
+  const cv::Mat view = training::render_view(image, transform, 64, &background);
   EXPECT_EQ(view.at<std::uint8_t>(32, 32), 200);
   EXPECT_EQ(view.at<std::uint8_t>(5, 5), 10);
-  EXPECT_EQ(training::view_of(image, where, 64).at<std::uint8_t>(5, 5), 200);
+  EXPECT_EQ(training::render_view(image, transform, 64).at<std::uint8_t>(5, 5), 200);
 }
 
-TEST(FaceTrainingViews, DrawingsComeFromTheSeed) {
+TEST(FaceTrainingViews, DrawingsAreDeterministicBySeed) {
   Rng one(7);
   Rng same(7);
   cv::Mat last;
@@ -352,7 +352,7 @@ TEST(FaceTrainingViews, DrawingsComeFromTheSeed) {
   }
 }
 
-TEST_F(FaceTrainingTest, NeedsFacesAndImagesWithout) {
+TEST_F(FaceTrainingTest, NeedsImagesWithAndWithoutFaces) {
   std::vector<FaceImage> faces(images_.begin(), images_.begin() + 3);
   EXPECT_THROW((void)train_face_networks(faces, "set", {}, silent_, {}), InputError);
   std::vector<FaceImage> without(images_.begin() + 3, images_.end());

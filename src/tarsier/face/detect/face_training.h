@@ -29,15 +29,15 @@ struct FaceImage {
 };
 
 struct FaceTrainingOptions {
-  // Number of batches of 32 for each network. The second half of them includes the mistakes of the
+  // Number of batches of 32 for each network. The second half of them includes the false positives of the
   // first.
   int scan_steps = 7000;
-  int judge_steps = 7000;
-  int check_steps = 8000;  // in thirds
+  int refine_steps = 7000;
+  int verify_steps = 8000;  // in thirds
   // Number of synthetic images without faces (chessboards, text, shapes) for training, drawn by the
   // seed.
   int drawings = 60;
-  // Allowed false alarms per 1000 images without faces. It determines the score of a sure face,
+  // Allowed false alarms per 1000 images without faces. It determines the score of a confident face,
   // from the scores in every third of these images, which is held out.
   double false_alarms = 100;
   // Share of the faces with 68 points that are trained in disguise (disguise.h), 0..1. If it is not
@@ -48,9 +48,9 @@ struct FaceTrainingOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"scan_steps", scan_steps, range(3, 1'000'000), "--scan-steps",
              "training steps of the first network"},
-            {"judge_steps", judge_steps, range(3, 1'000'000), "--judge-steps",
+            {"judge_steps", refine_steps, range(3, 1'000'000), "--judge-steps",
              "training steps of the second network"},
-            {"check_steps", check_steps, range(3, 1'000'000), "--check-steps",
+            {"check_steps", verify_steps, range(3, 1'000'000), "--check-steps",
              "training steps of the third network"},
             {"drawings", drawings, range(0, 10'000), "--drawings",
              "number of synthetic images without faces to add"},
@@ -68,19 +68,19 @@ struct FaceTraining {
   int images = 0;
   int faces = 0;
   // Training images without faces, not counting the drawings.
-  int without = 0;
+  int without_faces = 0;
   int held_out = 0;         // held-out images without faces
-  int held_out_alarms = 0;  // sure false alarms in these
+  int held_out_alarms = 0;  // confident false alarms in these
   int held_out_likely = 0;  // likely false alarms in these
-  // The mistakes used in the second halves: places without a face.
-  int scan_mistakes = 0;
-  int judge_mistakes = 0;
-  int check_mistakes = 0;
+  // The false positives used in the second halves.
+  int scan_false_positives = 0;
+  int refine_false_positives = 0;
+  int verify_false_positives = 0;
   std::vector<std::string> skipped;  // "path: reason"
 };
 
 // Faces are randomly rotated, mirrored, relit, blurred and partly hidden, at all sizes from 14 px
-// on. Other places in their images count as background, unless the first half of the training is
+// on. Other regions of their images count as background, unless the first half of the training is
 // confident that they show a face (whose box may be missing). The result does not depend on the
 // number of threads. Throws InputError(name) if no face or no image without faces is left,
 // Interrupted.
@@ -93,6 +93,7 @@ struct FaceTraining {
 // `lowest`, the logits of non-faces are modelled as exponentially distributed. Their mean is the
 // maximum likelihood estimate (censored from 0.98 on), so that all scores contribute and not only
 // the few highest ones, which are random. With `allowed` = 0, the result is above all scores.
-[[nodiscard]] double sure_score(const std::vector<double>& scores, double lowest, double allowed);
+[[nodiscard]] double choose_confident_score(const std::vector<double>& scores, double lowest,
+                                            double allowed);
 
 }  // namespace tarsier::face

@@ -17,8 +17,9 @@
 namespace tarsier::face {
 namespace {
 
-constexpr float kSlack = 1e-5F;  // tolerance of a stage's threshold for rounding errors
-constexpr float kCoarse = 2;     // below this scale only every second window is evaluated
+constexpr float kThresholdTolerance =
+    1e-5F;                           // tolerance of a stage's threshold for rounding errors
+constexpr float kMinDenseScale = 2;  // below this scale only every second window is evaluated
 constexpr int kRowsAtOnce = 8;
 
 // Row length for all scales, so that a rectangle has the same offset in all of them.
@@ -31,7 +32,7 @@ cv::Size scaled(cv::Size size, float scale) {
 
 bool is_within(cv::Size a, cv::Size b) { return a.width <= b.width && a.height <= b.height; }
 
-bool are_alike(const cv::Rect& a, const cv::Rect& b, double eps) {
+bool are_similar(const cv::Rect& a, const cv::Rect& b, double eps) {
   const double slack = 0.5 * eps * (std::min(a.width, b.width) + std::min(a.height, b.height));
   return std::abs(a.x - b.x) <= slack && std::abs(a.y - b.y) <= slack &&
          std::abs(a.br().x - b.br().x) <= slack && std::abs(a.br().y - b.br().y) <= slack;
@@ -82,7 +83,7 @@ std::optional<HaarCascade> HaarCascade::read(const std::string& path) {
     const cv::FileNode weak = stage["weakClassifiers"];
     result.stages_.push_back({static_cast<std::int32_t>(result.trees_.size()),
                               static_cast<std::int32_t>(weak.size()),
-                              static_cast<float>(stage["stageThreshold"]) - kSlack});
+                              static_cast<float>(stage["stageThreshold"]) - kThresholdTolerance});
     for (const cv::FileNode& tree : weak) {
       const cv::FileNode numbers =
           tree["internalNodes"];  // of each node: below, above, feature, threshold
@@ -121,11 +122,12 @@ std::optional<HaarCascade> HaarCascade::read(const std::string& path) {
 }
 
 RectOffsets HaarCascade::offsets_of(const cv::Rect& rect, bool split) const {
-  const auto place = [&](int x, int y) {
+  const auto offset_at = [&](int x, int y) {
     return y * stride_ + (split ? (x & 1) * (stride_ / 2) + x / 2 : x);
   };
   const cv::Point end = rect.br();
-  return {place(rect.x, rect.y), place(end.x, rect.y), place(rect.x, end.y), place(end.x, end.y)};
+  return {offset_at(rect.x, rect.y), offset_at(end.x, rect.y), offset_at(rect.x, end.y),
+          offset_at(end.x, end.y)};
 }
 
 void HaarCascade::lay_out(int stride) {
@@ -149,10 +151,10 @@ std::vector<float> HaarCascade::scales_between(cv::Size image, double step, cv::
     if (!is_within(exact, image)) break;
     const auto scale = static_cast<float>(factor);
     const cv::Size size = scaled(window_, scale);
-    const double off = std::hypot(min.width - size.width, min.height - size.height);
-    if (nearest == 0 || off < distance) {
+    const double difference = std::hypot(min.width - size.width, min.height - size.height);
+    if (nearest == 0 || difference < distance) {
       nearest = scale;
-      distance = off;
+      distance = difference;
     }
     if (is_within(min, size) && is_within(size, max)) scales.push_back(scale);
   }
@@ -163,7 +165,7 @@ std::vector<float> HaarCascade::scales_between(cv::Size image, double step, cv::
 void HaarCascade::prepare(const cv::Mat& gray, Level& level) const {
   const cv::Size size(cvRound(static_cast<float>(gray.cols) / level.scale),
                       cvRound(static_cast<float>(gray.rows) / level.scale));
-  level.step = level.scale >= kCoarse ? 1 : 2;
+  level.step = level.scale >= kMinDenseScale ? 1 : 2;
   const auto windows = [&](int pixels, int own) {
     return (std::max(pixels + 1 - own, 0) + level.step - 1) / level.step;
   };
@@ -279,8 +281,9 @@ const HaarKernels& haar_kernels() { return best_kernels(haar_baseline, haar_avx2
 std::vector<cv::Rect> grouped_boxes(const std::vector<cv::Rect>& boxes, int min, double eps) {
   if (min <= 0 || boxes.empty()) return boxes;
   std::vector<int> labels;
-  const int count = cv::partition(
-      boxes, labels, [eps](const cv::Rect& a, const cv::Rect& b) { return are_alike(a, b, eps); });
+  const int count = cv::partition(boxes, labels, [eps](const cv::Rect& a, const cv::Rect& b) {
+    return are_similar(a, b, eps);
+  });
   struct Group {
     cv::Rect sum{};
     int size = 0;

@@ -57,19 +57,19 @@ struct Case {
 
 class HaarCascadeTest : public testing::TestWithParam<Case> {};
 
-TEST_P(HaarCascadeTest, FindsTheWindowsThatOpenCvFinds) {
+TEST_P(HaarCascadeTest, FindsTheSameWindowsAsOpenCv) {
   const auto [name, size, step, min, max] = GetParam();
   const std::string path = find_cascade(name);
   if (path.empty()) GTEST_SKIP() << "OpenCV's cascades are not installed (opencv-data)";
-  std::optional<HaarCascade> ours = HaarCascade::read(path);
-  ASSERT_TRUE(ours);
-  cv::CascadeClassifier theirs(path);
+  std::optional<HaarCascade> haar = HaarCascade::read(path);
+  ASSERT_TRUE(haar);
+  cv::CascadeClassifier opencv(path);
   std::size_t windows = 0;
   for (const std::uint64_t seed : {1, 2, 3}) {
     const cv::Mat image = face_like(size, seed);
     std::vector<cv::Rect> expected;
-    theirs.detectMultiScale(image, expected, step, 0, 0, {min, min}, {max, max});
-    std::vector<cv::Rect> found = ours->find(image, step, {min, min}, {max, max});
+    opencv.detectMultiScale(image, expected, step, 0, 0, {min, min}, {max, max});
+    std::vector<cv::Rect> found = haar->find(image, step, {min, min}, {max, max});
     for (cv::Rect& box : found) box &= cv::Rect({}, size);  // rounding may add a pixel
     EXPECT_EQ(sorted(found), sorted(expected)) << "seed " << seed;
     windows += expected.size();
@@ -90,7 +90,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Case{"haarcascade_profileface.xml", {250, 199}, 1.05, 20, 0},
                     Case{"haarcascade_frontalface_alt2.xml", {200, 200}, 1.3, 61, 61}));
 
-TEST(HaarCascade, AnyNumberOfThreadsAndVectorsFindsTheSame) {
+TEST(HaarCascade, IsTheSameForAnyThreadsAndInstructionSet) {
   const std::string path = find_cascade("haarcascade_frontalface_alt2.xml");
   if (path.empty()) GTEST_SKIP() << "OpenCV's cascades are not installed (opencv-data)";
   const cv::Mat image = face_like({400, 300}, 7);
@@ -126,7 +126,7 @@ TEST(HaarCascade, AnyNumberOfThreadsAndVectorsFindsTheSame) {
   EXPECT_EQ(pass(haar_kernels()), plain);
 }
 
-TEST(HaarCascade, OtherFilesAreLeftToOpenCv) {
+TEST(HaarCascade, UnsupportedCascadesUseOpenCv) {
   for (const char* name : {"lbpcascade_frontalface.xml", "haarcascade_eye_tree_eyeglasses.xml"}) {
     const std::string path = find_cascade(name);
     if (path.empty()) GTEST_SKIP() << "OpenCV's cascades are not installed (opencv-data)";
@@ -136,7 +136,7 @@ TEST(HaarCascade, OtherFilesAreLeftToOpenCv) {
   EXPECT_FALSE(HaarCascade::read("/nowhere/cascade.xml"));
 }
 
-TEST(HaarCascade, ImagesSmallerThanTheWindowHaveNone) {
+TEST(HaarCascade, FindsNothingInImagesSmallerThanTheWindow) {
   const std::string path = find_cascade("haarcascade_frontalface_alt2.xml");
   if (path.empty()) GTEST_SKIP() << "OpenCV's cascades are not installed (opencv-data)";
   std::optional<HaarCascade> cascade = HaarCascade::read(path);

@@ -10,7 +10,7 @@ namespace tarsier::face {
 namespace {
 
 // Start positions of parts of `part` px that cover `length`; adjacent ones share `shared` px.
-std::vector<int> beginnings(int length, int part, int shared) {
+std::vector<int> tile_starts(int length, int part, int shared) {
   if (length <= part) return {0};
   const int steps = (length - shared + part - shared - 1) / (part - shared);
   std::vector<int> starts;
@@ -34,8 +34,8 @@ SearchPlan plan_search(cv::Size image, double min_face, double window, double ti
     const double largest = 2 * smallest;
     const int side = static_cast<int>(tile * smallest / window);
     const int shared = static_cast<int>(std::ceil(kMargin * largest));
-    for (const int y : beginnings(image.height, side, shared)) {
-      for (const int x : beginnings(image.width, side, shared)) {
+    for (const int y : tile_starts(image.height, side, shared)) {
+      for (const int x : tile_starts(image.width, side, shared)) {
         const cv::Rect area =
             cv::Rect(x, y, side, side) & cv::Rect(0, 0, image.width, image.height);
         plan.tiles.push_back({area, smallest, largest});

@@ -46,7 +46,7 @@ TEST(SearchPlan, CoversFacesOfEverySizeEverywhere) {
   }
 }
 
-TEST(SearchPlan, ATileCostsTheSameInAnyImage) {
+TEST(SearchPlan, TileCostDoesNotDependOnImageSize) {
   for (const cv::Size size : {cv::Size(640, 480), cv::Size(1920, 1080), cv::Size(7680, 4320)}) {
     for (const double min_face : {24.0, 40.0, 100.0}) {
       const SearchPlan plan = plan_search(size, min_face, kWindow, kTile);
@@ -61,13 +61,13 @@ TEST(SearchPlan, ATileCostsTheSameInAnyImage) {
   EXPECT_LE(plan_search({1920, 1080}, 40, kWindow, kTile).tiles.size(), 25U);
 }
 
-TEST(SearchPlan, SmallImagesAreSearchedAtOnce) {
+TEST(SearchPlan, SmallImagesNeedNoTiles) {
   const SearchPlan plan = plan_search({320, 240}, 40, kWindow, kTile);
   EXPECT_TRUE(plan.tiles.empty());
   EXPECT_EQ(plan.whole, (SearchTile{cv::Rect(0, 0, 320, 240), 40, 0}));
 }
 
-TEST(SearchPlan, RefusesWhatMakesNoSense) {
+TEST(SearchPlan, RejectsInvalidSizes) {
   EXPECT_THROW((void)plan_search({0, 10}, 40, kWindow), std::invalid_argument);
   EXPECT_THROW((void)plan_search({10, 10}, 0, kWindow), std::invalid_argument);
   EXPECT_THROW((void)plan_search({10, 10}, 40, kWindow, 5 * kWindow), std::invalid_argument);

@@ -35,61 +35,64 @@ void compress(cv::Mat& view, int quality) {
 
 }  // namespace
 
-cv::Point2d Place::operator()(const cv::Point2d& p) const {
+cv::Point2d ViewTransform::operator()(const cv::Point2d& p) const {
   const cv::Matx23d& m = view_from_image;
   return {m(0, 0) * p.x + m(0, 1) * p.y + m(0, 2), m(1, 0) * p.x + m(1, 1) * p.y + m(1, 2)};
 }
 
-Place place(const cv::Point2d& center, const cv::Point2d& to, double scale, const Turn& turn) {
-  const double c = scale * std::cos(turn.angle);
-  const double s = scale * std::sin(turn.angle);
-  const double wide = turn.mirrored ? -turn.stretch : turn.stretch;
-  const double high = 1 / turn.stretch;
+ViewTransform view_transform(const cv::Point2d& center, const cv::Point2d& to, double scale,
+                             const ViewOrientation& orientation) {
+  const double c = scale * std::cos(orientation.angle);
+  const double s = scale * std::sin(orientation.angle);
+  const double wide = orientation.mirrored ? -orientation.stretch : orientation.stretch;
+  const double high = 1 / orientation.stretch;
   const cv::Matx22d m(wide * c, -high * s, wide * s, high * c);
-  Place result;
+  ViewTransform result;
   result.scale = scale;
   result.view_from_image = {m(0, 0), m(0, 1), to.x - (m(0, 0) * center.x + m(0, 1) * center.y),
                             m(1, 0), m(1, 1), to.y - (m(1, 0) * center.x + m(1, 1) * center.y)};
   return result;
 }
 
-Place anywhere(const Image& image, int side, double smallest_scale, bool wide, Rng& rng) {
-  const double least = std::min(
+ViewTransform random_view(const Image& image, int side, double smallest_scale, bool wide,
+                          Rng& rng) {
+  const double min_scale = std::min(
       1.0, std::max(smallest_scale,
                     static_cast<double>(side) / std::min(image.size().width, image.size().height)));
-  const double scale = log_uniform(rng, least, std::max(1.0, least));
+  const double scale = log_uniform(rng, min_scale, std::max(1.0, min_scale));
   const double x = rng.uniform(0, image.size().width);
   const double y = rng.uniform(0, image.size().height);
-  return place({x, y}, {side / 2.0, side / 2.0}, scale, face_turn(wide, rng));
+  return view_transform({x, y}, {side / 2.0, side / 2.0}, scale, random_orientation(wide, rng));
 }
 
-Turn face_turn(bool wide, Rng& rng) {
-  Turn turn;
+ViewOrientation random_orientation(bool wide, Rng& rng) {
+  ViewOrientation orientation;
   const bool any = wide && rng.uniform() < 0.25;
   const double degrees = any ? rng.uniform(-48, 48) : std::clamp(rng.normal(0, 13.0), -36.0, 36.0);
-  turn.angle = degrees * CV_PI / 180;
-  turn.mirrored = rng.uniform() < 0.5;
-  turn.stretch = std::exp(std::clamp(rng.normal(0, kStretch), -2 * kStretch, 2 * kStretch));
-  return turn;
+  orientation.angle = degrees * CV_PI / 180;
+  orientation.mirrored = rng.uniform() < 0.5;
+  orientation.stretch = std::exp(std::clamp(rng.normal(0, kStretch), -2 * kStretch, 2 * kStretch));
+  return orientation;
 }
 
-cv::Mat view_of(const Image& image, const Place& where, int side, const cv::Mat* behind) {
-  const int level = half_for(where.scale, image.halves.size());
+cv::Mat render_view(const Image& image, const ViewTransform& transform, int side,
+                    const cv::Mat* background) {
+  const int level = half_for(transform.scale, image.halves.size());
   const double unit = std::ldexp(1.0, level);
   // Convert from pixel corners to pixel centres, in both images.
-  cv::Matx23d m = where.view_from_image;
+  cv::Matx23d m = transform.view_from_image;
   cv::Matx23d warp(m(0, 0) * unit, m(0, 1) * unit, 0, m(1, 0) * unit, m(1, 1) * unit, 0);
   warp(0, 2) = m(0, 2) + 0.5 * (warp(0, 0) + warp(0, 1)) - 0.5;
   warp(1, 2) = m(1, 2) + 0.5 * (warp(1, 0) + warp(1, 1)) - 0.5;
   cv::Mat view;
-  if (behind != nullptr) view = behind->clone();
+  if (background != nullptr) view = background->clone();
   cv::warpAffine(image.halves[static_cast<std::size_t>(level)], view, warp, cv::Size(side, side),
                  cv::INTER_LINEAR,
-                 behind != nullptr ? cv::BORDER_TRANSPARENT : cv::BORDER_REPLICATE);
+                 background != nullptr ? cv::BORDER_TRANSPARENT : cv::BORDER_REPLICATE);
   return view;
 }
 
-void disturb(cv::Mat& view, Rng& rng) {
+void degrade(cv::Mat& view, Rng& rng) {
   const double gamma = std::exp(rng.normal(0, 0.3));
   const double contrast = std::exp(rng.normal(0, 0.3));
   const double offset = rng.normal(0, 20);
@@ -127,7 +130,7 @@ void disturb(cv::Mat& view, Rng& rng) {
   if (rng.uniform() < 0.2) compress(view, rng.integer(25, 85));
 }
 
-void hide_part(cv::Mat& view, const cv::Rect2d& box, Rng& rng) {
+void occlude_part(cv::Mat& view, const cv::Rect2d& box, Rng& rng) {
   const double share = rng.uniform(0.15, 0.4);
   const int edge = rng.integer(0, 3);
   const double value = rng.uniform(0, 255);
@@ -152,14 +155,14 @@ double log_uniform(Rng& rng, double low, double high) {
 
 namespace {
 
-constexpr int kWide = 480;
-constexpr int kHigh = 360;
+constexpr int kDrawingWidth = 480;
+constexpr int kDrawingHeight = 360;
 
 cv::Scalar grey(Rng& rng) { return cv::Scalar(rng.integer(0, 255)); }
 
 cv::Point somewhere(Rng& rng) {
-  const int x = rng.integer(0, kWide - 1);
-  return {x, rng.integer(0, kHigh - 1)};
+  const int x = rng.integer(0, kDrawingWidth - 1);
+  return {x, rng.integer(0, kDrawingHeight - 1)};
 }
 
 void draw_chessboard(cv::Mat& sheet, Rng& rng) {
@@ -276,7 +279,8 @@ void draw_shapes(cv::Mat& sheet, Rng& rng) {
 
 // Shows the sheet in perspective.
 void tilt(cv::Mat& sheet, Rng& rng) {
-  cv::Point2f from[4] = {{0, 0}, {kWide, 0}, {kWide, kHigh}, {0, kHigh}};
+  cv::Point2f from[4] = {
+      {0, 0}, {kDrawingWidth, 0}, {kDrawingWidth, kDrawingHeight}, {0, kDrawingHeight}};
   cv::Point2f to[4];
   for (int k = 0; k < 4; ++k) {
     const double x = rng.uniform(-70, 70);
@@ -296,7 +300,7 @@ cv::Mat draw_without_faces(Rng& rng) {
   using Draw = void (*)(cv::Mat&, Rng&);
   constexpr Draw kKinds[] = {draw_chessboard, draw_gratings, draw_dots,
                              draw_writing,    draw_facade,   draw_shapes};
-  cv::Mat sheet(kHigh, kWide, CV_8UC1, cv::Scalar(128));
+  cv::Mat sheet(kDrawingHeight, kDrawingWidth, CV_8UC1, cv::Scalar(128));
   kKinds[rng.integer(0, 5)](sheet, rng);
   tilt(sheet, rng);
   // Some are partly occluded by other objects.
@@ -305,7 +309,8 @@ cv::Mat draw_without_faces(Rng& rng) {
     kKinds[rng.integer(0, 5)](before, rng);
     const cv::Point corner = somewhere(rng);
     const cv::Rect part =
-        cv::Rect(corner.x / 2, corner.y / 2, kWide / 2, kHigh / 2) & cv::Rect(0, 0, kWide, kHigh);
+        cv::Rect(corner.x / 2, corner.y / 2, kDrawingWidth / 2, kDrawingHeight / 2) &
+        cv::Rect(0, 0, kDrawingWidth, kDrawingHeight);
     before(part).copyTo(sheet(part));
   }
   if (rng.uniform() < 0.5) cv::GaussianBlur(sheet, sheet, {0, 0}, rng.uniform(0.5, 2));

@@ -22,37 +22,37 @@ struct Image {
 
 // A similarity, optionally mirrored and slightly stretched: view = A(image). Coordinates are
 // measured from the corners of pixels.
-struct Place {
+struct ViewTransform {
   cv::Matx23d view_from_image;
   double scale = 1;
   [[nodiscard]] cv::Point2d operator()(const cv::Point2d& p) const;
 };
 
 // Orientation of a view: angle in radians; x is stretched by `stretch` and y by its inverse.
-struct Turn {
+struct ViewOrientation {
   double angle = 0;
   bool mirrored = false;
   double stretch = 1;
 };
 
 // Maps `center` (px of the image) to `to`.
-[[nodiscard]] Place place(const cv::Point2d& center, const cv::Point2d& to, double scale,
-                          const Turn& turn);
+[[nodiscard]] ViewTransform view_transform(const cv::Point2d& center, const cv::Point2d& to,
+                                           double scale, const ViewOrientation& orientation);
 // A random view of `side` px anywhere in the image, at any scale from `smallest_scale` on.
-[[nodiscard]] Place anywhere(const Image& image, int side, double smallest_scale, bool wide,
-                             Rng& rng);
+[[nodiscard]] ViewTransform random_view(const Image& image, int side, double smallest_scale,
+                                        bool wide, Rng& rng);
 // Roll of up to +-36 degrees (deviation 13), mirrored half the time, stretched by 4 %. `wide`: one
 // of four views has a uniform roll of up to +-48 degrees.
-[[nodiscard]] Turn face_turn(bool wide, Rng& rng);
+[[nodiscard]] ViewOrientation random_orientation(bool wide, Rng& rng);
 
 // Outside the image, the border is replicated; or `behind` (side x side) is shown, if given.
-[[nodiscard]] cv::Mat view_of(const Image& image, const Place& where, int side,
-                              const cv::Mat* behind = nullptr);
+[[nodiscard]] cv::Mat render_view(const Image& image, const ViewTransform& transform, int side,
+                                  const cv::Mat* background = nullptr);
 
 // Random changes of light, lens, sensor and compression.
-void disturb(cv::Mat& view, Rng& rng);
+void degrade(cv::Mat& view, Rng& rng);
 // Occludes a part of the face.
-void hide_part(cv::Mat& view, const cv::Rect2d& box, Rng& rng);
+void occlude_part(cv::Mat& view, const cv::Rect2d& box, Rng& rng);
 
 // Log-uniform in [low, high).
 [[nodiscard]] double log_uniform(Rng& rng, double low, double high);

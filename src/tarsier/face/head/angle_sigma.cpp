@@ -24,15 +24,17 @@ double cosine_of_pitch(const HeadAngles& angles) {
 
 }  // namespace
 
-Eigen::Matrix3d angle_covariance(const HeadAngles& angles, const Eigen::Matrix3d& turn_covariance) {
+Eigen::Matrix3d angle_covariance(const HeadAngles& angles,
+                                 const Eigen::Matrix3d& rotation_covariance) {
   const double cosine = cosine_of_pitch(angles);
   const double sine = std::sin(angles.pitch_deg * kRadians);
-  const Eigen::Matrix3d of_turn{{0, 1 / cosine, 0}, {-1, 0, 0}, {0, sine / cosine, 1}};
-  const Eigen::Matrix3d jacobian = of_turn * unrolled(angles) / kRadians;
-  return jacobian * turn_covariance * jacobian.transpose();
+  const Eigen::Matrix3d of_rotation{{0, 1 / cosine, 0}, {-1, 0, 0}, {0, sine / cosine, 1}};
+  const Eigen::Matrix3d jacobian = of_rotation * unrolled(angles) / kRadians;
+  return jacobian * rotation_covariance * jacobian.transpose();
 }
 
-Eigen::Matrix3d turn_covariance(const HeadAngles& angles, const Eigen::Matrix3d& angle_covariance) {
+Eigen::Matrix3d rotation_covariance(const HeadAngles& angles,
+                                    const Eigen::Matrix3d& angle_covariance) {
   const double cosine = cosine_of_pitch(angles);
   const double sine = std::sin(angles.pitch_deg * kRadians);
   const Eigen::Matrix3d of_angles{{0, -1, 0}, {cosine, 0, 0}, {-sine, 0, 1}};

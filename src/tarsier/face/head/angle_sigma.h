@@ -16,11 +16,11 @@ namespace tarsier::face::head {
 // Covariance of (yaw, pitch, roll), deg^2, from cov(w), rad^2. Near a pitch of +-90 degrees, where
 // yaw and roll coincide, cos pitch is limited to at least 0.01.
 [[nodiscard]] Eigen::Matrix3d angle_covariance(const HeadAngles& angles,
-                                               const Eigen::Matrix3d& turn_covariance);
+                                               const Eigen::Matrix3d& rotation_covariance);
 
 // The inverse: covariance of w, rad^2, from that of the angles, deg^2.
-[[nodiscard]] Eigen::Matrix3d turn_covariance(const HeadAngles& angles,
-                                              const Eigen::Matrix3d& angle_covariance);
+[[nodiscard]] Eigen::Matrix3d rotation_covariance(const HeadAngles& angles,
+                                                  const Eigen::Matrix3d& angle_covariance);
 
 // Correction of a computed covariance for the errors of real landmarks: errors of neighbouring
 // landmarks are similar, and some do not show in the points. A variance s^2 of an axis becomes

@@ -17,7 +17,7 @@ HeadAngles random_angles(Rng& rng) {
   return {yaw, pitch, rng.uniform(-170, 170)};
 }
 
-TEST(AngleSigma, IsWhatASmallTurnDoesToTheAngles) {
+TEST(AngleSigma, MatchesTheEffectOfASmallRotation) {
   Rng rng(1);
   for (int k = 0; k < 50; ++k) {
     const HeadAngles angles = random_angles(rng);
@@ -33,19 +33,19 @@ TEST(AngleSigma, IsWhatASmallTurnDoesToTheAngles) {
   }
 }
 
-TEST(AngleSigma, GoesBackToTheTurn) {
+TEST(AngleSigma, RotationCovarianceInvertsAngleCovariance) {
   Rng rng(2);
   for (int k = 0; k < 50; ++k) {
     const HeadAngles angles = random_angles(rng);
     Eigen::Matrix3d root;
     for (Eigen::Index i = 0; i < 9; ++i) root.data()[i] = 0.1 * rng.normal();
     const Eigen::Matrix3d turn = root * root.transpose();
-    const Eigen::Matrix3d again = turn_covariance(angles, angle_covariance(angles, turn));
+    const Eigen::Matrix3d again = rotation_covariance(angles, angle_covariance(angles, turn));
     EXPECT_LT((again - turn).norm(), 1e-9 * turn.norm());
   }
 }
 
-TEST(AngleSigma, StaysFiniteWhereYawAndRollAreOne) {
+TEST(AngleSigma, StaysFiniteAtGimbalLock) {
   const Eigen::Matrix3d turn = 1e-4 * Eigen::Matrix3d::Identity();
   const Eigen::Matrix3d found = angle_covariance({0, 90, 0}, turn);
   EXPECT_TRUE(found.allFinite());

@@ -19,7 +19,7 @@ Eigen::Vector3d crown(const HeadAngles& angles) {
   return rotation_of_angles(angles) * Eigen::Vector3d(0, -1, 0);
 }
 
-TEST(Angles, LookIntoTheCameraAtZero) {
+TEST(Angles, ZeroAnglesAreTheIdentity) {
   EXPECT_LT((rotation_of_angles({}) - Eigen::Matrix3d::Identity()).norm(), 1e-15);
 }
 
@@ -32,7 +32,7 @@ TEST(Angles, SignsAreAsDefined) {
   EXPECT_NEAR(nose({0, 0, 30})[2], -1, 1e-12);
 }
 
-TEST(Angles, AreThoseOfTheProductInItsOrder) {
+TEST(Angles, RotationIsTheProductOfRollPitchYaw) {
   const double yaw = 0.5, pitch = 0.3, roll = -0.2;
   const Eigen::Matrix3d rz{
       {std::cos(roll), -std::sin(roll), 0}, {std::sin(roll), std::cos(roll), 0}, {0, 0, 1}};
@@ -46,7 +46,7 @@ TEST(Angles, AreThoseOfTheProductInItsOrder) {
       1e-14);
 }
 
-TEST(Angles, GoThereAndBack) {
+TEST(Angles, RoundTrip) {
   Rng rng(1);
   for (int k = 0; k < 1000; ++k) {
     const double yaw = rng.uniform(-179.9, 179.9);
@@ -59,7 +59,7 @@ TEST(Angles, GoThereAndBack) {
   }
 }
 
-TEST(Angles, OfAHeadThatLooksStraightUpStillGiveItsRotation) {
+TEST(Angles, GimbalLockKeepsTheRotation) {
   for (const double pitch : {90.0, -90.0}) {
     const Eigen::Matrix3d rotation = rotation_of_angles({25, pitch, 40});
     const HeadAngles angles = angles_of_rotation(rotation);

@@ -17,8 +17,8 @@ constexpr Eigen::Index kPoints = 68;
 // Outer and inner corners of the eyes.
 constexpr std::array<std::array<int, 2>, 2> kCorners{{{36, 39}, {42, 45}}};
 // Size of the sampled area, in distances of the corners.
-constexpr double kWide = 1.1;
-constexpr double kHigh = 0.75;
+constexpr double kPatchWidth = 1.1;
+constexpr double kPatchHeight = 0.75;
 
 struct Correlation {
   float low = 0;  // minimum of the two eyes
@@ -32,19 +32,20 @@ Correlation correlation(const EyePatches& a, const EyePatches& b) {
 }
 
 // Positions of one eye's samples in the image: kEyeHeight x kEyeWidth, CV_32FC2.
-cv::Mat sample_places(const Eigen::Vector2d& outer, const Eigen::Vector2d& across,
-                      const AffineMap& map) {
+cv::Mat sample_positions(const Eigen::Vector2d& outer, const Eigen::Vector2d& across,
+                         const AffineMap& map) {
   const Eigen::Vector2d down(-across.y(), across.x());
-  cv::Mat places(kEyeHeight, kEyeWidth, CV_32FC2);
+  cv::Mat positions(kEyeHeight, kEyeWidth, CV_32FC2);
   for (int y = 0; y < kEyeHeight; ++y) {
     for (int x = 0; x < kEyeWidth; ++x) {
-      const Eigen::Vector2d place = outer + (0.5 + kWide * ((x + 0.5) / kEyeWidth - 0.5)) * across +
-                                    kHigh * ((y + 0.5) / kEyeHeight - 0.5) * down;
-      const Eigen::Vector2d at = map.leftCols<2>() * place + map.col(2);
-      places.at<cv::Vec2f>(y, x) = {static_cast<float>(at.x()), static_cast<float>(at.y())};
+      const Eigen::Vector2d position =
+          outer + (0.5 + kPatchWidth * ((x + 0.5) / kEyeWidth - 0.5)) * across +
+          kPatchHeight * ((y + 0.5) / kEyeHeight - 0.5) * down;
+      const Eigen::Vector2d at = map.leftCols<2>() * position + map.col(2);
+      positions.at<cv::Vec2f>(y, x) = {static_cast<float>(at.x()), static_cast<float>(at.y())};
     }
   }
-  return places;
+  return positions;
 }
 
 // The part of the image that contains `area`, in grey, low-pass filtered to the sampling distance.
@@ -79,16 +80,16 @@ EyePatches eye_patches(const cv::Mat& image, const Eigen::Matrix2Xd& reference,
     patches[eye] = Eigen::VectorXf::Zero(kEyeWidth * kEyeHeight);
     const Eigen::Vector2d outer = reference.col(kCorners[eye][0]);
     const Eigen::Vector2d across = reference.col(kCorners[eye][1]) - outer;
-    cv::Mat places = sample_places(outer, across, map);
-    if (!cv::checkRange(places, true, nullptr, -1e5, 1e5)) continue;
+    cv::Mat positions = sample_positions(outer, across, map);
+    if (!cv::checkRange(positions, true, nullptr, -1e5, 1e5)) continue;
     cv::Point corner;
-    const double step = (map.leftCols<2>() * across).norm() * kWide / kEyeWidth;
-    const cv::Rect area = cv::boundingRect(places.reshape(2, 1));
+    const double step = (map.leftCols<2>() * across).norm() * kPatchWidth / kEyeWidth;
+    const cv::Rect area = cv::boundingRect(positions.reshape(2, 1));
     const cv::Mat part = smooth_part(image, area, step, corner);
     if (part.empty()) continue;
-    places -= cv::Scalar(corner.x, corner.y);
+    positions -= cv::Scalar(corner.x, corner.y);
     cv::Mat samples;
-    cv::remap(part, samples, places, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+    cv::remap(part, samples, positions, cv::noArray(), cv::INTER_LINEAR, cv::BORDER_REPLICATE);
     for (int y = 0; y < kEyeHeight; ++y)
       for (int x = 0; x < kEyeWidth; ++x) patches[eye](y * kEyeWidth + x) = samples.at<uchar>(y, x);
     patches[eye].array() -= patches[eye].mean();
@@ -100,21 +101,22 @@ EyePatches eye_patches(const cv::Mat& image, const Eigen::Matrix2Xd& reference,
 
 bool BlinkDetector::step(double time, double lids, EyePatches eyes) {
   while (!frames_.empty() && time - frames_.front().time > options_.longest_s) frames_.pop_front();
-  const Seen now{time, lids, std::move(eyes)};
+  const Frame now{time, lids, std::move(eyes)};
   std::vector<Correlation> to_now;
   to_now.reserve(frames_.size());
-  for (const Seen& frame : frames_) to_now.push_back(correlation(frame.eyes, now.eyes));
+  for (const Frame& frame : frames_) to_now.push_back(correlation(frame.eyes, now.eyes));
   if (to_now.size() >= 2) {
     const auto lower = [](const Correlation& a, const Correlation& b) { return a.high < b.high; };
     const auto first = to_now.begin();
     const auto shut_at = std::min_element(first + 1, to_now.end(), lower);
     const auto before_at = std::max_element(first, shut_at, lower);
-    const Seen& shut = frames_[static_cast<std::size_t>(shut_at - first)];
-    const Seen& before = frames_[static_cast<std::size_t>(before_at - first)];
+    const Frame& shut = frames_[static_cast<std::size_t>(shut_at - first)];
+    const Frame& before = frames_[static_cast<std::size_t>(before_at - first)];
     const double open = std::min(before.lids, now.lids);
     const double closing = open > 0 ? 1 - shut.lids / open : 0;
-    const float unlike = std::max(shut_at->high, correlation(before.eyes, shut.eyes).high);
-    if (closing >= options_.min_closing && before_at->low - unlike >= options_.min_change) {
+    const float shut_similarity = std::max(shut_at->high, correlation(before.eyes, shut.eyes).high);
+    if (closing >= options_.min_closing &&
+        before_at->low - shut_similarity >= options_.min_change) {
       clear();
       return true;
     }

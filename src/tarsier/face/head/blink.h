@@ -58,13 +58,13 @@ class BlinkDetector {
   void clear() { frames_.clear(); }
 
  private:
-  struct Seen {
+  struct Frame {
     double time = 0;
     double lids = 1;
     EyePatches eyes;
   };
   BlinkOptions options_;
-  std::deque<Seen> frames_;
+  std::deque<Frame> frames_;
 };
 
 }  // namespace tarsier::face::head

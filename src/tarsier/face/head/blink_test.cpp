@@ -22,12 +22,12 @@ Eigen::Matrix2Xd eyes(double open) {
   const double dx[6] = {-30, -10, 10, 30, 10, -10};
   const double dy[6] = {0, -11, -11, 0, 11, 11};
   for (Eigen::Index eye = 0; eye < 2; ++eye) {
-    const Eigen::Vector2d middle(eye == 0 ? 250 : 390, 240);
+    const Eigen::Vector2d center(eye == 0 ? 250 : 390, 240);
     for (Eigen::Index k = 0; k < 6; ++k)
-      points.col(36 + 6 * eye + k) = middle + Eigen::Vector2d(dx[k], open * dy[k]);
+      points.col(36 + 6 * eye + k) = center + Eigen::Vector2d(dx[k], open * dy[k]);
     for (Eigen::Index k = 0; k < kIris; ++k) {
       const double a = 2 * 3.14159265358979 * static_cast<double>(k) / kIris;
-      points.col(68 + kIris * eye + k) = middle + 11 * Eigen::Vector2d(std::cos(a), std::sin(a));
+      points.col(68 + kIris * eye + k) = center + 11 * Eigen::Vector2d(std::cos(a), std::sin(a));
     }
   }
   return points;
@@ -50,7 +50,7 @@ std::vector<int> blinks(const std::vector<std::pair<double, EyePatches>>& frames
   return found;
 }
 
-TEST(EyePatchesTest, IsThatOfTheReferenceHoweverAFlatImageMoves) {
+TEST(EyePatchesTest, IsInvariantToAffineMotion) {
   const Eigen::Matrix2Xd points = eyes(1);
   const cv::Mat image = testing::image_of_eyes(points);
   const EyePatches first = patches(1);
@@ -71,7 +71,7 @@ TEST(EyePatchesTest, IsThatOfTheReferenceHoweverAFlatImageMoves) {
   EXPECT_LT(first[0].dot(shut[0]), 0.7);
 }
 
-TEST(EyePatchesTest, TakesAnyPlaceAndRefusesOtherImages) {
+TEST(EyePatchesTest, AcceptsAnyPositionAndRejectsInvalidInput) {
   const Eigen::Matrix2Xd points = eyes(1).leftCols(68);
   AffineMap away = no_motion();
   away.col(2) << -245, 0;  // one eye at the image's edge
@@ -110,7 +110,7 @@ TEST(BlinkDetector, DoesNotDependOnHowFarTheLidsAreOpen) {
   }
 }
 
-TEST(BlinkDetector, IsNotDeceived) {
+TEST(BlinkDetector, IgnoresNodsOcclusionsAndLongClosures) {
   const EyePatches open = patches(1);
   const EyePatches shut = patches(0.1);
   std::vector<std::pair<double, EyePatches>> nodded;  // the lids nearer, the eyes as ever

@@ -23,7 +23,7 @@ int changed(const cv::Mat& image) {
   return cv::countNonZero(difference);
 }
 
-TEST(DrawAxes, PutsEachColourWhereItsAxisIs) {
+TEST(DrawAxes, DrawsEachAxisInItsColour) {
   cv::Mat image = canvas();
   // x to the right in red, y down in green.
   draw_axes(image, testing_camera(), {Eigen::Matrix3d::Identity(), {0, 0, 500}}, {60, 60, 0},
@@ -37,7 +37,7 @@ TEST(DrawAxes, PutsEachColourWhereItsAxisIs) {
   EXPECT_EQ(image.at<cv::Vec3b>(240, 320 - 30), cv::Vec3b(60, 60, 60));
 }
 
-TEST(DrawPose, CutsOffWhatIsBehindTheCamera) {
+TEST(DrawPose, ClipsBehindTheCamera) {
   cv::Mat image = canvas();
   draw_axes(image, testing_camera(), {Eigen::Matrix3d::Identity(), {0, 0, -500}}, {60, 60, 60});
   draw_box(image, testing_camera(), {Eigen::Matrix3d::Identity(), {0, 0, -500}}, {-9, -9, -9},
@@ -46,7 +46,7 @@ TEST(DrawPose, CutsOffWhatIsBehindTheCamera) {
   draw_head(image, testing_camera(), {Eigen::Matrix3d::Identity(), {0, 0, -500}}, model,
             model.mean);
   EXPECT_EQ(changed(image), 0);
-  // Around the camera: parts of it, no trouble.
+  // Around the camera: parts of it, no error.
   draw_box(image, testing_camera(), {Eigen::Matrix3d::Identity(), {1, 2, 0}}, {-90, -90, -90},
            {90, 90, 900});
   draw_axes(image, testing_camera(), {Eigen::Matrix3d::Identity(), {1, 2, 3}}, {1e6, 10, -50});
@@ -79,7 +79,7 @@ TEST(DrawBox, ShowsHiddenEdgesDarker) {
   EXPECT_LT(dark, bright);
 }
 
-TEST(DrawHead, IsWhereTheHeadIs) {
+TEST(DrawHead, DrawsAtTheProjectedPoints) {
   const std::string models = TARSIER_SOURCE_MODELS;
   const HeadModel model = read_head_model(models + "/head.json");
   cv::Mat sheet(480, 1280, CV_8UC3);

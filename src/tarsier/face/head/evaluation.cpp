@@ -139,12 +139,12 @@ void SigmaCoverage::add(double error_deg, double sigma_deg) {
 PoseScore score_poses(const std::vector<PosePair>& pairs, int truths) {
   PoseScore score;
   score.truths = truths;
-  score.answered = static_cast<int>(pairs.size());
+  score.with_pose = static_cast<int>(pairs.size());
   std::vector<double> angles;
   std::vector<double> pitch;
   std::vector<double> yaw;
   std::vector<double> roll;
-  std::vector<double> away;
+  std::vector<double> translation_errors;
   std::vector<double> share;
   for (const PosePair& pair : pairs) {
     const Eigen::Vector3d difference = biwi_of(pair.rotation) - biwi_of(pair.truth);
@@ -165,24 +165,24 @@ PoseScore score_poses(const std::vector<PosePair>& pairs, int truths) {
       score.image_coverage.roll.add(roll.back(), sigma[2]);
     }
     if (!pair.translation || !pair.true_translation) continue;
-    away.push_back((*pair.translation - *pair.true_translation).norm());
+    translation_errors.push_back((*pair.translation - *pair.true_translation).norm());
     const double distance = (*pair.true_translation).norm();
-    if (distance > 0) share.push_back(100 * away.back() / distance);
+    if (distance > 0) share.push_back(100 * translation_errors.back() / distance);
   }
   if (angles.empty()) return score;
   score.pitch_mae_deg = mean(pitch);
   score.yaw_mae_deg = mean(yaw);
   score.roll_mae_deg = mean(roll);
   score.mean_deg = mean(angles);
-  score.beyond10 = static_cast<double>(std::count_if(angles.begin(), angles.end(),
-                                                     [](double a) { return a > 10; })) /
-                   static_cast<double>(angles.size());
+  score.over_10_deg = static_cast<double>(std::count_if(angles.begin(), angles.end(),
+                                                        [](double a) { return a > 10; })) /
+                      static_cast<double>(angles.size());
   std::sort(angles.begin(), angles.end());
   score.median_deg = quantile(angles, 0.5);
   score.p95_deg = quantile(angles, 0.95);
-  score.with_translation = static_cast<int>(away.size());
-  score.translation_mean_mm = mean(away);
-  score.translation_median_mm = median(away);
+  score.with_translation = static_cast<int>(translation_errors.size());
+  score.translation_mean_mm = mean(translation_errors);
+  score.translation_median_mm = median(translation_errors);
   score.translation_percent = mean(share);
   return score;
 }
@@ -218,13 +218,14 @@ std::optional<PointingName> parse_pointing_name(const std::string& path) {
   const std::string stem = std::filesystem::path(path).stem().string();
   std::string_view rest = stem;
   // Each number with its min and max count of digits; the last two have a sign.
-  const auto number = [&](std::size_t least, std::size_t most, bool is_signed) {
+  const auto number = [&](std::size_t min_digits, std::size_t max_digits, bool is_signed) {
     const std::size_t begin = is_signed && (rest.starts_with('+') || rest.starts_with('-')) ? 1 : 0;
     std::size_t end = begin;
-    while (end < rest.size() && end < begin + most && rest[end] >= '0' && rest[end] <= '9') ++end;
+    while (end < rest.size() && end < begin + max_digits && rest[end] >= '0' && rest[end] <= '9')
+      ++end;
     const std::string_view word = rest.substr(0, end);
     rest.remove_prefix(end);
-    return end >= begin + least && (begin == 1) == is_signed ? to_number(word) : std::nullopt;
+    return end >= begin + min_digits && (begin == 1) == is_signed ? to_number(word) : std::nullopt;
   };
   for (const std::string_view name : {"personne", "personn", "persone", "person"}) {
     if (!rest.starts_with(name)) continue;
@@ -274,14 +275,14 @@ PointingScore score_pointing(const std::vector<PointingOutcome>& outcomes) {
   for (const PointingOutcome& outcome : outcomes) {
     if (std::abs(outcome.truth.pan_deg) > 45 || std::abs(outcome.truth.tilt_deg) > 30) continue;
     ++score.images;
-    score.seen += outcome.face_seen ? 1 : 0;
+    score.detected += outcome.face_detected ? 1 : 0;
     if (!outcome.rotation) continue;
     const HeadAngles angles = angles_of_rotation(*outcome.rotation);
     const Gaze gaze = gaze_of_rotation(*outcome.rotation);
     azimuth.push_back(gaze.azimuth_deg - outcome.truth.pan_deg);
     elevation.push_back(gaze.elevation_deg - outcome.truth.tilt_deg);
-    ++score.found;
-    score.seen_found += outcome.face_seen ? 1 : 0;
+    ++score.with_pose;
+    score.detected_with_pose += outcome.face_detected ? 1 : 0;
     yaw.push_back(angles.yaw_deg - outcome.truth.pan_deg);
     pitch.push_back(angles.pitch_deg - outcome.truth.tilt_deg);
     if (outcome.sigma_deg) {

@@ -54,14 +54,14 @@ struct PosePair {
 // opposite sign of HeadAngles.
 struct PoseScore {
   int truths = 0;
-  int answered = 0;
+  int with_pose = 0;
   double pitch_mae_deg = 0;
   double yaw_mae_deg = 0;
   double roll_mae_deg = 0;
   double mean_deg = 0;  // angle of R R_true^T
   double median_deg = 0;
-  double p95_deg = 0;   // 95th percentile, interpolated between ranks
-  double beyond10 = 0;  // share of errors of more than 10 degrees
+  double p95_deg = 0;      // 95th percentile, interpolated between ranks
+  double over_10_deg = 0;  // share of errors of more than 10 degrees
   int with_translation = 0;
   double translation_mean_mm = 0;
   double translation_median_mm = 0;
@@ -103,7 +103,7 @@ struct PointingName {
 struct PointingOutcome {
   std::string image;
   PointingName truth;
-  bool face_seen = false;  // the strict face detector detects a face in the head's box
+  bool face_detected = false;  // the strict face detector detects a face in the head's box
   std::optional<Eigen::Matrix3d> rotation;   // estimated camera_from_head of that head
   std::optional<Eigen::Vector3d> sigma_deg;  // of its yaw, pitch, roll
 };
@@ -123,10 +123,10 @@ struct Gaze {
 [[nodiscard]] HeadAngles angles_towards(const Eigen::Vector3d& forward, double roll_deg);
 
 struct PointingScore {
-  int images = 0;      // |pan| <= 45, |tilt| <= 30
-  int seen = 0;        // by the strict face detector
-  int seen_found = 0;  // of those with a pose
-  int found = 0;       // with a pose, including faces that only a less strict search detected
+  int images = 0;              // |pan| <= 45, |tilt| <= 30
+  int seen = 0;                // by the strict face detector
+  int detected_with_pose = 0;  // of those with a pose
+  int with_pose = 0;  // with a pose, including faces that only a less strict search detected
   // Mean absolute error after subtracting the median error, because people do not look exactly
   // where the set says.
   double yaw_mae_deg = 0;

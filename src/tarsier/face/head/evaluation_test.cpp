@@ -23,7 +23,7 @@ PosePair pair_of(const HeadAngles& found, const HeadAngles& truth) {
   return pair;
 }
 
-TEST(HeadComparisonTest, IsOfWhatASimilarityDoesNotExplain) {
+TEST(HeadComparisonTest, MeasuresErrorAfterSimilarityAlignment) {
   const TemporaryFolder folder;
   const HeadModel head = testing_head(1);
   const auto write = [&](const std::string& name, const Eigen::Matrix3Xd& points) {
@@ -47,26 +47,26 @@ TEST(HeadComparisonTest, IsOfWhatASimilarityDoesNotExplain) {
   EXPECT_THROW((void)compare_head(head, write("few.txt", points.leftCols(24))), InputError);
 }
 
-TEST(PoseEvaluation, ErrorsAreThoseOfTheAngles) {
+TEST(PoseEvaluation, ComputesAngleAndTranslationErrors) {
   std::vector<PosePair> pairs = {pair_of({4, 0, 0}, {0, 0, 0}), pair_of({0, -20, 0}, {0, 0, 0}),
                                  pair_of({0, 0, 179}, {0, 0, -179})};
   pairs[0].translation = Eigen::Vector3d(0, 3, 500);
   pairs[0].true_translation = Eigen::Vector3d(0, 0, 500);
   const PoseScore score = score_poses(pairs, 4);
   EXPECT_EQ(score.truths, 4);
-  EXPECT_EQ(score.answered, 3);
+  EXPECT_EQ(score.with_pose, 3);
   EXPECT_NEAR(score.yaw_mae_deg, 4.0 / 3, 1e-9);
   EXPECT_NEAR(score.pitch_mae_deg, 20.0 / 3, 1e-9);
   EXPECT_NEAR(score.roll_mae_deg, 2.0 / 3, 1e-9);  // across 180 degrees
   EXPECT_NEAR(score.mean_deg, 26.0 / 3, 1e-6);
   EXPECT_NEAR(score.median_deg, 4, 1e-6);
   EXPECT_NEAR(score.p95_deg, 4 + 0.9 * 16, 1e-6);  // between the ranks, as numpy has it
-  EXPECT_NEAR(score.beyond10, 1.0 / 3, 1e-12);
+  EXPECT_NEAR(score.over_10_deg, 1.0 / 3, 1e-12);
   EXPECT_NEAR(score.translation_mean_mm, 3, 1e-12);
   EXPECT_NEAR(score.translation_percent, 0.6, 1e-12);
 }
 
-TEST(PoseEvaluation, CountsWhatIsWithinOneAndTwoSigmas) {
+TEST(PoseEvaluation, CountsErrorsWithinOneAndTwoSigmas) {
   std::vector<PosePair> pairs = {pair_of({4, 0, 0}, {0, 0, 0}), pair_of({-6, 3, 0}, {0, 0, 0}),
                                  pair_of({1, 0, 179}, {0, 0, -179}),
                                  pair_of({50, 50, 50}, {0, 0, 0})};
@@ -88,9 +88,9 @@ TEST(PoseEvaluation, CountsWhatIsWithinOneAndTwoSigmas) {
   EXPECT_EQ(score_poses(pairs, 4).image_coverage.yaw.within2, 1);
 }
 
-TEST(PoseEvaluation, NothingFoundIsNoError) {
+TEST(PoseEvaluation, NoPosesGiveZeroErrors) {
   const PoseScore score = score_poses({}, 7);
-  EXPECT_EQ(score.answered, 0);
+  EXPECT_EQ(score.with_pose, 0);
   EXPECT_EQ(score.mean_deg, 0);
 }
 
@@ -102,7 +102,7 @@ class PoseLines : public FolderTest {
   }
 };
 
-TEST_F(PoseLines, AllFormsTellTheSameRotation) {
+TEST_F(PoseLines, ReadsAllRotationFormats) {
   const Eigen::Matrix3d r = rotation_of_angles({10, 20, 30});
   std::string nine;
   for (const double v : geometry::row_major(r))
@@ -123,12 +123,12 @@ TEST_F(PoseLines, AllFormsTellTheSameRotation) {
   }
   EXPECT_EQ(lines[1].translation.value(), Eigen::Vector3d(1, 2, 3));
   EXPECT_FALSE(lines[0].sigma_deg);
-  const auto sure =
+  const auto with_sigmas =
       read(R"({"image":"a","faces":[{"yaw":1,"pitch":2,"yaw_sigma_deg":3,"pitch_sigma_deg":4,)"
            R"("roll_sigma_deg":5,"sigma_floor_deg":[2,1,0]}]})");
-  EXPECT_EQ(sure.at(0).sigma_deg.value(), Eigen::Vector3d(3, 4, 5));
-  EXPECT_EQ(sure.at(0).sigma_floor_deg.value(), Eigen::Vector3d(2, 1, 0));
-  EXPECT_EQ(match_poses(sure, sure).at(0).sigma_deg, sure.at(0).sigma_deg);
+  EXPECT_EQ(with_sigmas.at(0).sigma_deg.value(), Eigen::Vector3d(3, 4, 5));
+  EXPECT_EQ(with_sigmas.at(0).sigma_floor_deg.value(), Eigen::Vector3d(2, 1, 0));
+  EXPECT_EQ(match_poses(with_sigmas, with_sigmas).at(0).sigma_deg, with_sigmas.at(0).sigma_deg);
   EXPECT_FALSE(lines[4].rotation);
   EXPECT_EQ(match_poses(lines, lines).size(), 4U);
 }
@@ -155,7 +155,7 @@ TEST_F(PoseLines, RefusesBrokenLines) {
   EXPECT_THAT(refusal(std::string(100'000, '[')), HasSubstr("l.jsonl"));
 }
 
-TEST(Pointing, NamesCarryTheAngles) {
+TEST(Pointing, ParsesAnglesFromFileNames) {
   const auto name = parse_pointing_name("a/Person01/person01246-30+15.jpg");
   ASSERT_TRUE(name);
   EXPECT_EQ(name->person, 1);
@@ -166,7 +166,7 @@ TEST(Pointing, NamesCarryTheAngles) {
   EXPECT_FALSE(parse_pointing_name("person01246-30+15b.jpg"));
 }
 
-TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
+TEST(Pointing, SubtractsOffsetsAndChecksMonotonicity) {
   std::vector<PointingOutcome> outcomes;
   for (const double pan : {-45.0, -15.0, 0.0, 15.0, 45.0, 90.0}) {
     // All yaws have an offset of 5 degrees to the left, and rotations are estimated too small.
@@ -180,9 +180,9 @@ TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
   outcomes.push_back({"", {1, 0, 30}, false, std::nullopt, std::nullopt});
   const PointingScore score = score_pointing(outcomes);
   EXPECT_EQ(score.images, 7);  // 90 degrees is out of range
-  EXPECT_EQ(score.seen, 6);
-  EXPECT_EQ(score.found, 5);
-  EXPECT_EQ(score.seen_found, 5);
+  EXPECT_EQ(score.detected, 6);
+  EXPECT_EQ(score.with_pose, 5);
+  EXPECT_EQ(score.detected_with_pose, 5);
   EXPECT_NEAR(score.yaw_offset_deg, 5, 1e-9);
   EXPECT_NEAR(score.yaw_mae_deg, (9 + 3 + 0 + 3 + 9) / 5.0, 1e-9);
   EXPECT_NEAR(score.yaw_mae_raw_deg, (14 + 8 + 5 + 2 + 4) / 5.0, 1e-9);
@@ -200,7 +200,7 @@ TEST(Pointing, OffsetsAreTakenOffAndTheOrderIsChecked) {
   EXPECT_FALSE(score_pointing(outcomes).yaw_rises);
 }
 
-TEST(Pointing, AHeadThatPansThenNodsLooksWhereTheNameSays) {
+TEST(Pointing, GazeOfPanThenTiltMatchesTheName) {
   std::vector<PointingOutcome> outcomes;
   for (const double pan : {-45.0, 0.0, 45.0}) {
     for (const double tilt : {-30.0, 0.0, 30.0}) {
@@ -224,7 +224,7 @@ TEST(Pointing, AHeadThatPansThenNodsLooksWhereTheNameSays) {
   EXPECT_EQ(score.coverage.pitch.within, 9);
 }
 
-TEST_F(PoseLines, TheBoxBesideAPointingImage) {
+TEST_F(PoseLines, ReadsBoxOfPointingImage) {
   std::ofstream(path("person01246-30+15.txt")) << "person\n\nFace\n192\n237\n126\n94\n";
   const auto box = pointing_box(path("person01246-30+15.jpg"));
   ASSERT_TRUE(box);

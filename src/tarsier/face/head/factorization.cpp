@@ -15,7 +15,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 // The `count` principal directions of the rows, n x count.
-MatrixXd strongest(const MatrixXd& rows, Index count) {
+MatrixXd principal_directions(const MatrixXd& rows, Index count) {
   const linalg::SymmetricEigen solver = linalg::symmetric_eigen(rows.transpose() * rows);
   return solver.vectors.rightCols(count).rowwise().reverse();
 }
@@ -49,8 +49,8 @@ std::optional<Factorization> factorize_symmetric(const std::vector<Eigen::Matrix
   const MatrixXd odd = (all - swapped) / 2;   // = camera's x column * x
   const MatrixXd even = (all + swapped) / 2;  // = camera's y and z columns * [y; z]
 
-  const MatrixXd x_basis = strongest(odd, 1);
-  const MatrixXd yz_basis = strongest(even, 2);
+  const MatrixXd x_basis = principal_directions(odd, 1);
+  const MatrixXd yz_basis = principal_directions(even, 2);
   MatrixXd rows(2 * count, 3);
   rows.col(0) = odd * x_basis;
   rows.rightCols(2) = even * yz_basis;

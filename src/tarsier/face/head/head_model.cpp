@@ -12,7 +12,7 @@ namespace tarsier::face::head {
 using Eigen::Index;
 
 namespace {
-constexpr double kLargest = 1e6;    // mm, limit for all numbers of a model
+constexpr double kMaxValue = 1e6;   // mm, limit for all numbers of a model
 constexpr double kMinNoise = 1e-6;  // mm
 }  // namespace
 
@@ -20,8 +20,8 @@ void HeadModel::check() const {
   const int n = points();
   const int m = mode_count();
   TARSIER_REQUIRE(n >= 4, "a head of {} points", n);
-  TARSIER_REQUIRE(mean.allFinite() && mean.cwiseAbs().maxCoeff() <= kLargest,
-                  "the mean is not finite or beyond {} mm", kLargest);
+  TARSIER_REQUIRE(mean.allFinite() && mean.cwiseAbs().maxCoeff() <= kMaxValue,
+                  "the mean is not finite or beyond {} mm", kMaxValue);
   TARSIER_REQUIRE(modes.rows() == 3 * n || m == 0, "modes of {} rows for {} points", modes.rows(),
                   n);
   TARSIER_REQUIRE(m == 0 || modes.allFinite(), "the modes are not finite");
@@ -30,12 +30,12 @@ void HeadModel::check() const {
                   "{} landmark numbers of {} points", landmark.size(), n);
   // Points are weighted by 1 / noise^2.
   TARSIER_REQUIRE(noise.size() == n && noise.allFinite() && noise.minCoeff() >= kMinNoise &&
-                      noise.maxCoeff() <= kLargest,
+                      noise.maxCoeff() <= kMaxValue,
                   "the noise of the points must be {} numbers of {} to {} mm", n, kMinNoise,
-                  kLargest);
+                  kMaxValue);
   for (const int number : landmark) TARSIER_REQUIRE(number >= 0, "landmark number {}", number);
   for (int k = 0; k < m; ++k) {
-    TARSIER_REQUIRE(deviation[k] >= 0 && deviation[k] <= kLargest &&
+    TARSIER_REQUIRE(deviation[k] >= 0 && deviation[k] <= kMaxValue &&
                         (k == 0 || deviation[k] <= deviation[k - 1]),
                     "deviation {} is {}", k, deviation[k]);
   }

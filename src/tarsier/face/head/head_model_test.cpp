@@ -34,7 +34,7 @@ std::string message_of(const std::function<void()>& action) {
   return "nothing";
 }
 
-TEST_F(HeadModelFile, GoesThereAndBack) {
+TEST_F(HeadModelFile, RoundTrip) {
   for (const int modes : {0, 5}) {
     HeadModel model = testing_head(modes);
     model.outline = {16, 17, 24};
@@ -54,7 +54,7 @@ TEST_F(HeadModelFile, GoesThereAndBack) {
   }
 }
 
-TEST_F(HeadModelFile, RefusesWhatIsNoHead) {
+TEST_F(HeadModelFile, RejectsInvalidModels) {
   const json good = to_json(testing_head(3));
   const std::pair<std::function<void(json&)>, const char*> cases[] = {
       {[](json& v) { v.erase("mean"); }, "mean"},
@@ -126,7 +126,7 @@ TEST(HeadModel, MustBeSymmetric) {
   EXPECT_THROW(model.check(), std::invalid_argument);
 }
 
-TEST(HeadModel, OfSomePointsDescribesTheSameShapes) {
+TEST(HeadModel, SelectedPointsKeepTheShapeCovariance) {
   HeadModel model = testing_head(4);
   model.outline = {24, 5, 8};
   const HeadModel part = select_points(model, {1, 0, 22, 8, 9, 24, 12, 13});
@@ -151,28 +151,28 @@ TEST(HeadModel, OfSomePointsDescribesTheSameShapes) {
 
 class MappingFile : public FolderTest {
  protected:
-  std::string trouble(const std::string& text) {
+  std::string error_of(const std::string& text) {
     std::ofstream(path("map.txt")) << text;
     return message_of([&] { (void)read_landmark_mapping(path("map.txt"), 25, 73); });
   }
 };
 
 TEST_F(MappingFile, IsReadAndChecked) {
-  EXPECT_EQ(trouble("# nose and others\n0 16\n1 24 # right\n\n22 40\n23 5\n"), "nothing");
+  EXPECT_EQ(error_of("# nose and others\n0 16\n1 24 # right\n\n22 40\n23 5\n"), "nothing");
   const LandmarkMapping mapping = read_landmark_mapping(path("map.txt"), 25, 73);
   EXPECT_THAT(mapping.model_points, ElementsAre(0, 1, 22, 23));
   EXPECT_THAT(mapping.landmarks, ElementsAre(16, 24, 40, 5));
-  EXPECT_THAT(trouble("0 1\n1 2\n2 3\n"), HasSubstr("3 pairs"));
-  EXPECT_THAT(trouble(""), HasSubstr("0 pairs"));
-  EXPECT_THAT(trouble("0 1\n1 2 3\n"), HasSubstr("line 2"));
-  EXPECT_THAT(trouble("0 x\n"), HasSubstr("line 1"));
-  EXPECT_THAT(trouble("0 1.5\n"), HasSubstr("line 1"));
-  EXPECT_THAT(trouble("25 1\n"), HasSubstr("model point 25"));
-  EXPECT_THAT(trouble("2 73\n"), HasSubstr("landmark 73"));
-  EXPECT_THAT(trouble("-1 7\n"), HasSubstr("model point -1"));
-  EXPECT_THAT(trouble("0 7\n0 8\n"), HasSubstr("second time"));
-  EXPECT_THAT(trouble("0 7\n1 7\n"), HasSubstr("second time"));
-  EXPECT_THAT(trouble("99999999999999999999 7\n"), HasSubstr("line 1"));
+  EXPECT_THAT(error_of("0 1\n1 2\n2 3\n"), HasSubstr("3 pairs"));
+  EXPECT_THAT(error_of(""), HasSubstr("0 pairs"));
+  EXPECT_THAT(error_of("0 1\n1 2 3\n"), HasSubstr("line 2"));
+  EXPECT_THAT(error_of("0 x\n"), HasSubstr("line 1"));
+  EXPECT_THAT(error_of("0 1.5\n"), HasSubstr("line 1"));
+  EXPECT_THAT(error_of("25 1\n"), HasSubstr("model point 25"));
+  EXPECT_THAT(error_of("2 73\n"), HasSubstr("landmark 73"));
+  EXPECT_THAT(error_of("-1 7\n"), HasSubstr("model point -1"));
+  EXPECT_THAT(error_of("0 7\n0 8\n"), HasSubstr("second time"));
+  EXPECT_THAT(error_of("0 7\n1 7\n"), HasSubstr("second time"));
+  EXPECT_THAT(error_of("99999999999999999999 7\n"), HasSubstr("line 1"));
 }
 
 }  // namespace

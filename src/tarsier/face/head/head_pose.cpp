@@ -25,13 +25,13 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr int kFewest = 6;
+constexpr int kMinPoints = 6;
 // For a Gaussian of deviation 1 in both coordinates, 68 % are within this radius: sqrt(-2 ln 0.32).
 constexpr double kRadiusOf68 = 1.51;
 
 // Restricts the rotation in the normal equations (the first three unknowns) to the unit vector
 // `axis`; the other components of the solution are 0.
-void only_about(const Vector3d& axis, MatrixXd& normal, VectorXd& right) {
+void restrict_rotation_to(const Vector3d& axis, MatrixXd& normal, VectorXd& right) {
   const Matrix3d share = axis * axis.transpose();
   normal.topRows<3>() = (share * normal.topRows<3>()).eval();
   normal.leftCols<3>() = (normal.leftCols<3>() * share).eval();
@@ -66,7 +66,7 @@ VectorXd HeadIdentity::shape(const HeadModel& model) const {
   return linalg::Cholesky(with_prior).solve(vector).cwiseProduct(model.deviation);
 }
 
-HeadPoser::HeadPoser(HeadModel model, HeadPoseOptions options)
+HeadPoseEstimator::HeadPoseEstimator(HeadModel model, HeadPoseOptions options)
     : model_((model.check(), std::move(model))),
       options_(std::move(options)),
       mean_(model_.mean, inverse_variances(model_)) {
@@ -85,7 +85,7 @@ HeadPoser::HeadPoser(HeadModel model, HeadPoseOptions options)
 // of two coordinates. The weight is w = (1 + scale x / a)^-2 with a = robust_sigmas^2 / 2. The
 // influence of a residual r on the estimate is r w; for each coordinate E[(r w)^2] = scale E[x w^2]
 // and E[d(r w)/dr] = E[w + x dw/dx].
-HeadPoser::RobustMeans HeadPoser::robust_means(double scale) const {
+HeadPoseEstimator::RobustMeans HeadPoseEstimator::robust_means(double scale) const {
   const double a = options_.robust_sigmas * options_.robust_sigmas / 2 / scale;
   constexpr int kSteps = 1000;  // of Simpson's rule, up to where the density vanishes
   constexpr double kEnd = 30;
@@ -97,13 +97,14 @@ HeadPoser::RobustMeans HeadPoser::robust_means(double scale) const {
     const double w = 1 / ((1 + x / a) * (1 + x / a));
     means.weight += density * w;
     means.square += density * scale * w * w * x;
-    means.slope += density * (w - 2 * x / a * w / (1 + x / a));
+    means.derivative += density * (w - 2 * x / a * w / (1 + x / a));
   }
   return means;
 }
 
-Matrix3d HeadPoser::covariance_of(const MatrixXd& normal, std::vector<double> strange,
-                                  bool with_shape) const {
+Matrix3d HeadPoseEstimator::covariance_of(const MatrixXd& normal,
+                                          std::vector<double> squared_residuals,
+                                          bool with_shape) const {
   const Index m = normal.rows() - 6;
   const Index solved = with_shape ? 6 + m : 6;
   const auto with_prior = [&](const MatrixXd& of_points) {
@@ -112,32 +113,34 @@ Matrix3d HeadPoser::covariance_of(const MatrixXd& normal, std::vector<double> st
     return sum;
   };
   RobustMeans means = robust_;
-  linalg::Cholesky curvature(with_prior(normal * (means.slope / means.weight)));
-  if (!strange.empty() && with_shape) {
+  linalg::Cholesky curvature(with_prior(normal * (means.derivative / means.weight)));
+  if (!squared_residuals.empty() && with_shape) {
     // Three quarters of half the squared residuals are below ln 4 times the variance. The degrees
     // of freedom of the fit are corrected for.
-    const double taken = curvature.solve(normal * (means.slope / means.weight)).trace();
-    const double left = 1 - taken / (2.0 * static_cast<double>(strange.size()));
-    std::sort(strange.begin(), strange.end());
-    const double variance = quantile(strange, 0.75) / 2 / (2 * std::numbers::ln2);
-    const double scale = variance / std::max(left, 0.1);
+    const double fitted_freedom =
+        curvature.solve(normal * (means.derivative / means.weight)).trace();
+    const double remaining_freedom =
+        1 - fitted_freedom / (2.0 * static_cast<double>(squared_residuals.size()));
+    std::sort(squared_residuals.begin(), squared_residuals.end());
+    const double variance = quantile(squared_residuals, 0.75) / 2 / (2 * std::numbers::ln2);
+    const double scale = variance / std::max(remaining_freedom, 0.1);
     if (scale > 1) {
       means = robust_means(scale);
-      curvature.compute(with_prior(normal * (means.slope / means.weight)));
+      curvature.compute(with_prior(normal * (means.derivative / means.weight)));
     }
   }
   MatrixXd spread = with_prior(normal * (means.square / means.weight));
   if (!with_shape) {
-    const MatrixXd of_shape = normal.topRightCorner(6, m) * (means.slope / means.weight);
+    const MatrixXd of_shape = normal.topRightCorner(6, m) * (means.derivative / means.weight);
     spread += of_shape * of_shape.transpose();
   }
-  const MatrixXd of_turn = curvature.solve(MatrixXd::Identity(solved, 3));
-  return of_turn.transpose() * spread * of_turn;
+  const MatrixXd of_rotation = curvature.solve(MatrixXd::Identity(solved, 3));
+  return of_rotation.transpose() * spread * of_rotation;
 }
 
 void set_angles(HeadPose& pose) {
   pose.angles = angles_of_rotation(pose.camera_from_head.rotation);
-  const Matrix3d covariance = angle_covariance(pose.angles, pose.turn_covariance);
+  const Matrix3d covariance = angle_covariance(pose.angles, pose.rotation_covariance);
   const auto deviation = [&](int axis) {
     return std::min(180.0, std::sqrt(std::max(0.0, covariance(axis, axis))));
   };
@@ -148,29 +151,30 @@ void set_angles(HeadPose& pose) {
 
 void calibrate_sigmas(HeadPose& pose, const AngleCalibration& calibration) {
   const HeadAngles angles = angles_of_rotation(pose.camera_from_head.rotation);
-  pose.turn_covariance = turn_covariance(
-      angles, calibrated(angle_covariance(angles, pose.turn_covariance), calibration));
+  pose.rotation_covariance = rotation_covariance(
+      angles, calibrated(angle_covariance(angles, pose.rotation_covariance), calibration));
   pose.sigma_floor_deg = floor_of(calibration);
   set_angles(pose);
 }
 
-HeadPoseResult HeadPoser::pose(const Matrix2Xd& points, const geometry::Camera& camera,
-                               const VectorXd& sigma_px) const {
+HeadPoseResult HeadPoseEstimator::pose(const Matrix2Xd& points, const geometry::Camera& camera,
+                                       const VectorXd& sigma_px) const {
   return solve(points, sigma_px, camera, nullptr, nullptr, nullptr);
 }
 
-HeadPoseResult HeadPoser::pose(const Matrix2Xd& points, const geometry::Camera& camera,
-                               HeadIdentity& identity, const VectorXd& sigma_px) const {
+HeadPoseResult HeadPoseEstimator::pose(const Matrix2Xd& points, const geometry::Camera& camera,
+                                       HeadIdentity& identity, const VectorXd& sigma_px) const {
   const Index m = model_.mode_count();
   TARSIER_REQUIRE(identity.frames == 0 || identity.vector.size() == m,
                   "an identity of {} modes for a model of {}", identity.vector.size(), m);
   return solve(points, sigma_px, camera, &identity, &identity, nullptr);
 }
 
-HeadPoseResult HeadPoser::pose_towards(const Matrix2Xd& points, const geometry::Camera& camera,
-                                       const Eigen::Matrix3d& camera_from_head,
-                                       const HeadIdentity* identity,
-                                       const VectorXd& sigma_px) const {
+HeadPoseResult HeadPoseEstimator::pose_towards(const Matrix2Xd& points,
+                                               const geometry::Camera& camera,
+                                               const Eigen::Matrix3d& camera_from_head,
+                                               const HeadIdentity* identity,
+                                               const VectorXd& sigma_px) const {
   TARSIER_REQUIRE(identity == nullptr || identity->frames == 0 ||
                       identity->vector.size() == model_.mode_count(),
                   "an identity of {} modes for a model of {}", identity->vector.size(),
@@ -179,9 +183,10 @@ HeadPoseResult HeadPoser::pose_towards(const Matrix2Xd& points, const geometry::
   return solve(points, sigma_px, camera, identity, nullptr, &camera_from_head);
 }
 
-HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_px,
-                                const geometry::Camera& camera, const HeadIdentity* known,
-                                HeadIdentity* learning, const Eigen::Matrix3d* towards) const {
+HeadPoseResult HeadPoseEstimator::solve(const Matrix2Xd& points, const VectorXd& sigma_px,
+                                        const geometry::Camera& camera, const HeadIdentity* known,
+                                        HeadIdentity* learning,
+                                        const Eigen::Matrix3d* towards) const {
   camera.check();
   const Index n = model_.points();
   if (points.cols() != n)
@@ -189,16 +194,16 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
   TARSIER_REQUIRE(sigma_px.size() == 0 || (sigma_px.size() == n && sigma_px.minCoeff() > 0),
                   "{} deviations of {} points, or one that is not above 0", sigma_px.size(), n);
   // Normalised coordinates without missing points.
-  Matrix2Xd seen(2, n);
+  Matrix2Xd normalized(2, n);
   std::vector<Index> present;
   for (Index i = 0; i < n; ++i) {
     if (!points.col(i).allFinite()) continue;
     const auto point = camera.normalized_of({points(0, i), points(1, i)});
     if (!point) continue;
-    seen.col(i) << point->x, point->y;
+    normalized.col(i) << point->x, point->y;
     present.push_back(i);
   }
-  if (present.size() < kFewest) return {std::nullopt, "fewer than 6 landmarks are there"};
+  if (present.size() < kMinPoints) return {std::nullopt, "fewer than 6 landmarks are there"};
 
   PositOptions posit_options;
   posit_options.tolerance = 1e-3;
@@ -206,10 +211,10 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
   PositWorkspace workspace;
   PositResult start;
   if (present.size() == static_cast<std::size_t>(n)) {
-    start = posit(mean_, seen, posit_options, workspace);
+    start = posit(mean_, normalized, posit_options, workspace);
   } else {
     start = posit(PositModel(model_.mean(Eigen::all, present), inverse_variances(model_)(present)),
-                  seen(Eigen::all, present), posit_options, workspace);
+                  normalized(Eigen::all, present), posit_options, workspace);
   }
   if (!start.pose) return {std::nullopt, start.reason};
 
@@ -244,7 +249,7 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
   Matrix3Xd shape(3, n);
   double sum = 0;
   double weight_sum = 0;
-  std::vector<double> strange_of;  // squared residuals divided by their variances
+  std::vector<double> squared_residuals;  // squared residuals divided by their variances
   bool is_done = false;
   for (int iteration = 0; iteration <= options_.iterations; ++iteration) {
     shape = model_.mean;
@@ -252,7 +257,7 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
     const double yaw = angles_of_rotation(rotation).yaw_deg;
     const double far = std::exp(-0.5 * std::pow(yaw / options_.outline_yaw_deg, 2));
     sum = weight_sum = 0;
-    strange_of.clear();
+    squared_residuals.clear();
     Index row = 0;
     for (const Index i : present) {
       const Vector3d q = rotation * shape.col(i);
@@ -261,17 +266,19 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
       const double inverse = 1 / x[2];
       const double u = x[0] * inverse;
       const double v = x[1] * inverse;
-      const Vector2d residual(seen(0, i) - u, seen(1, i) - v);
+      const Vector2d residual(normalized(0, i) - u, normalized(1, i) - v);
       const double measured = sigma_px.size() == 0
                                   ? options_.noise_px
                                   : std::max(options_.noise_px, sigma_px[i] / kRadiusOf68);
       const double sigma = std::hypot(model_.noise[i] * inverse, measured / focal);
-      const double strange = residual.squaredNorm() / std::pow(options_.robust_sigmas * sigma, 2);
-      double weight = 1 / ((1 + strange) * (1 + strange));
+      const double squared_ratio =
+          residual.squaredNorm() / std::pow(options_.robust_sigmas * sigma, 2);
+      double weight = 1 / ((1 + squared_ratio) * (1 + squared_ratio));
       if (is_outline_[static_cast<std::size_t>(i)] != 0 && shape(0, i) * yaw < 0) weight *= far;
       sum += weight * residual.squaredNorm();
       weight_sum += weight;
-      if (sigma_px.size() == 0) strange_of.push_back(residual.squaredNorm() / (sigma * sigma));
+      if (sigma_px.size() == 0)
+        squared_residuals.push_back(residual.squaredNorm() / (sigma * sigma));
       const double root = std::sqrt(weight) / sigma;
       const double part = root * inverse;
       jacobian.col(row).head<6>() << -part * u * q[1], part * (q[2] + u * q[0]), -part * q[1], part,
@@ -295,7 +302,7 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
     VectorXd pull = right.head(solved);
     with_prior.bottomRightCorner(m, m) += prior;
     if (m > 0) pull.tail(m) -= prior * (c - expected);
-    if (towards != nullptr) only_about(rotation.col(2), with_prior, pull);
+    if (towards != nullptr) restrict_rotation_to(rotation.col(2), with_prior, pull);
     const linalg::Cholesky factor(with_prior);
     if (!factor.ok()) return {std::nullopt, "the landmarks do not determine the pose"};
     const VectorXd update = factor.solve(pull);
@@ -338,17 +345,18 @@ HeadPoseResult HeadPoser::solve(const Matrix2Xd& points, const VectorXd& sigma_p
   }
   HeadPose found;
   found.camera_from_head = {rotation, translation};
-  found.turn_covariance = covariance_of(normal, std::move(strange_of), m > 0 || all_modes == 0);
+  found.rotation_covariance =
+      covariance_of(normal, std::move(squared_residuals), m > 0 || all_modes == 0);
   // The last linearisation is degenerate: the points do not determine the rotation.
-  if (!found.turn_covariance.allFinite())
-    found.turn_covariance = std::pow(std::numbers::pi, 2) * Matrix3d::Identity();
+  if (!found.rotation_covariance.allFinite())
+    found.rotation_covariance = std::pow(std::numbers::pi, 2) * Matrix3d::Identity();
   set_angles(found);
   found.b = c.cwiseProduct(model_.deviation);
   found.rms_px = focal * std::sqrt(sum / std::max(weight_sum, 1e-12));
   return {std::move(found), ""};
 }
 
-Matrix2Xd HeadPoser::project(const HeadPose& pose, const geometry::Camera& camera) const {
+Matrix2Xd HeadPoseEstimator::project(const HeadPose& pose, const geometry::Camera& camera) const {
   const Matrix3Xd shape = shape_of(model_, pose.b);
   Matrix2Xd pixels(2, shape.cols());
   pixels.setConstant(std::numeric_limits<double>::quiet_NaN());

@@ -87,7 +87,7 @@ struct HeadPose {
   double rms_px = 0;  // weighted
   // Covariance of the rotation's error w, rad^2 (head/angle_sigma.h): the true rotation is
   // exp([w]x) rotation.
-  Eigen::Matrix3d turn_covariance = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();
   // Standard deviations of the angles' errors, up to 180.
   double yaw_sigma_deg = 0;
   double pitch_sigma_deg = 0;
@@ -97,7 +97,7 @@ struct HeadPose {
   Eigen::Vector3d sigma_floor_deg = Eigen::Vector3d::Zero();
 };
 
-// Sets the angles and their deviations from rotation and turn_covariance.
+// Sets the angles and their deviations from rotation and rotation_covariance.
 void set_angles(HeadPose& pose);
 // Calibrates the covariance and sets the angles.
 void calibrate_sigmas(HeadPose& pose, const AngleCalibration& calibration);
@@ -108,16 +108,16 @@ struct HeadPoseResult {
   std::string reason;
 };
 
-class HeadPoser {
+class HeadPoseEstimator {
  public:
   // Throws std::invalid_argument for an invalid model or invalid options.
-  explicit HeadPoser(HeadModel model, HeadPoseOptions options = {});
+  explicit HeadPoseEstimator(HeadModel model, HeadPoseOptions options = {});
 
   [[nodiscard]] const HeadModel& model() const { return model_; }
   [[nodiscard]] const HeadPoseOptions& options() const { return options_; }
 
   // points: 2 x n px in the order of the model's points, NaN where missing; at least 6 points that
-  // are not coplanar are needed. For another markup, use a LandmarkMapping: the poser of
+  // are not coplanar are needed. For another markup, use a LandmarkMapping: the estimator of
   // select_points(model, mapping.model_points), and landmarks(Eigen::all, mapping.landmarks).
   // No pose is returned for too few points, or points that are not a head (the iteration moves it
   // behind the camera).
@@ -163,14 +163,15 @@ class HeadPoser {
   struct RobustMeans {
     double weight = 1;
     double square = 1;
-    double slope = 1;
+    double derivative = 1;
   };
   [[nodiscard]] RobustMeans robust_means(double scale) const;
   // Covariance of the rotation, rad^2, from the normal equations of pose and shape, without the
-  // prior. strange: squared residuals over their variances, if the variances are to be scaled by
+  // prior. squared_residuals: squared residuals over their variances, if the variances are to be scaled by
   // them; otherwise empty.
   [[nodiscard]] Eigen::Matrix3d covariance_of(const Eigen::MatrixXd& normal,
-                                              std::vector<double> strange, bool with_shape) const;
+                                              std::vector<double> squared_residuals,
+                                              bool with_shape) const;
   RobustMeans robust_;
 };
 

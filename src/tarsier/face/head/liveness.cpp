@@ -28,20 +28,20 @@ constexpr NameTable<LivenessTask, 3> kTaskNames{"task",
 constexpr Eigen::Index kPoints = 68;
 constexpr int kNoseTip = 30;
 // Nearly coplanar points that expressions move little.
-constexpr std::array<int, 8> kPlane{36, 39, 42, 45, 31, 35, 48, 54};
+constexpr std::array<int, 8> kPlanarPoints{36, 39, 42, 45, 31, 35, 48, 54};
 // Upper and lower lids, pairs for each eye.
 constexpr std::array<std::array<int, 4>, 2> kLids{{{37, 41, 38, 40}, {43, 47, 44, 46}}};
 // Blinks count only while the head keeps its first direction: the lids of turned or nodding heads
 // and images look narrower than the affine map predicts.
-constexpr double kFacingDeg = 12;
+constexpr double kMaxFacing_deg = 12;
 
 AffineMap affine_between(const Eigen::Matrix2Xd& from, const Eigen::Matrix2Xd& to) {
-  Eigen::Matrix<double, kPlane.size(), 3> a;
-  Eigen::Matrix<double, kPlane.size(), 2> b;
-  for (std::size_t i = 0; i < kPlane.size(); ++i) {
+  Eigen::Matrix<double, kPlanarPoints.size(), 3> a;
+  Eigen::Matrix<double, kPlanarPoints.size(), 2> b;
+  for (std::size_t i = 0; i < kPlanarPoints.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(i);
-    a.row(row) << from.col(kPlane[i]).transpose(), 1;
-    b.row(row) = to.col(kPlane[i]).transpose();
+    a.row(row) << from.col(kPlanarPoints[i]).transpose(), 1;
+    b.row(row) = to.col(kPlanarPoints[i]).transpose();
   }
   return a.colPivHouseholderQr().solve(b).transpose();
 }
@@ -50,7 +50,7 @@ Eigen::Matrix2Xd mapped(const AffineMap& map, const Eigen::Matrix2Xd& points) {
   return (map.leftCols<2>() * points).colwise() + map.col(2);
 }
 
-double lids_apart(const Eigen::Matrix2Xd& points, const std::array<int, 4>& lids) {
+double lid_distance(const Eigen::Matrix2Xd& points, const std::array<int, 4>& lids) {
   return (points.col(lids[0]) - points.col(lids[1])).norm() +
          (points.col(lids[2]) - points.col(lids[3])).norm();
 }
@@ -92,28 +92,28 @@ Liveness::Liveness(std::uint64_t seed, const LivenessOptions& options)
 void Liveness::fail(std::string reason) {
   status_.state = LivenessState::kFailed;
   status_.task.reset();
-  status_.left_s = 0;
+  status_.remaining_s = 0;
   status_.reason = std::move(reason);
 }
 
 void Liveness::next_task(double time) {
   task_start_ = time;
   blinks_.clear();
-  flat_turn_ = false;
+  has_flat_turn_ = false;
   if (status_.done == static_cast<int>(tasks_.size())) {
     status_.state = LivenessState::kPassed;
     status_.task.reset();
-    status_.left_s = 0;
+    status_.remaining_s = 0;
     return;
   }
   status_.state = LivenessState::kAsk;
   status_.task = tasks_[static_cast<std::size_t>(status_.done)];
-  status_.left_s = options_.task_s;
+  status_.remaining_s = options_.task_s;
 }
 
 // Accumulates the reference.
-void Liveness::look(const LivenessFrame& frame) {
-  if (!frame.yaw_deg || std::abs(*frame.yaw_deg) > kFacingDeg) return;
+void Liveness::record_reference(const LivenessFrame& frame) {
+  if (!frame.yaw_deg || std::abs(*frame.yaw_deg) > kMaxFacing_deg) return;
   if (!start_) {
     start_ = frame.time;
     first_ = frame.points;
@@ -139,19 +139,19 @@ AffineMap Liveness::measure(const LivenessFrame& frame) {
       (frame.points.col(kNoseTip) - flat.col(kNoseTip)).dot(across) / (length * length);
   status_.openness = 0;
   for (const auto& lids : kLids)
-    status_.openness = std::max(
-        status_.openness, lids_apart(frame.points, lids) / std::max(lids_apart(flat, lids), 1e-6));
+    status_.openness = std::max(status_.openness, lid_distance(frame.points, lids) /
+                                                      std::max(lid_distance(flat, lids), 1e-6));
   return map;
 }
 
-void Liveness::ask(const LivenessFrame& frame) {
+void Liveness::check_task(const LivenessFrame& frame) {
   const AffineMap map = measure(frame);
   const double turned = frame.yaw_deg ? *frame.yaw_deg - yaw_ : 0;
   bool done = false;
   if (*status_.task == LivenessTask::kBlink) {
     const double nodded = frame.pitch_deg ? *frame.pitch_deg - pitch_ : 0;
     const bool facing =
-        frame.yaw_deg && std::abs(turned) <= kFacingDeg && std::abs(nodded) <= kFacingDeg;
+        frame.yaw_deg && std::abs(turned) <= kMaxFacing_deg && std::abs(nodded) <= kMaxFacing_deg;
     done = facing &&
            blinks_.step(frame.time, status_.openness, eye_patches(frame.image, reference_, map));
   } else {
@@ -160,42 +160,42 @@ void Liveness::ask(const LivenessFrame& frame) {
     const double sign = *status_.task == LivenessTask::kTurnLeft ? 1 : -1;
     const bool far_enough = -sign * turned >= options_.turn_deg;
     done = far_enough && sign * status_.parallax >= options_.min_parallax;
-    flat_turn_ = flat_turn_ || (far_enough && !done);
+    has_flat_turn_ = has_flat_turn_ || (far_enough && !done);
   }
   if (done) {
     ++status_.done;
     next_task(frame.time);
     return;
   }
-  status_.left_s = std::max(0.0, options_.task_s - (frame.time - task_start_));
-  if (status_.left_s == 0) fail(flat_turn_ ? "flat" : "time");
+  status_.remaining_s = std::max(0.0, options_.task_s - (frame.time - task_start_));
+  if (status_.remaining_s == 0) fail(has_flat_turn_ ? "flat" : "time");
 }
 
 const LivenessStatus& Liveness::step(const LivenessFrame& frame) {
-  const bool over =
+  const bool is_over =
       status_.state == LivenessState::kPassed || status_.state == LivenessState::kFailed;
-  if (over) return status_;
+  if (is_over) return status_;
   TARSIER_REQUIRE(frame.points.cols() == 0 || frame.points.cols() == kPoints, "{} points, not 68",
                   frame.points.cols());
   TARSIER_REQUIRE(!last_time_ || frame.time >= *last_time_, "time {} after {}", frame.time,
                   last_time_.value_or(0));
-  if (!last_time_) seen_ = task_start_ = frame.time;
+  if (!last_time_) last_face_time_ = task_start_ = frame.time;
   last_time_ = frame.time;
   const bool face = frame.points.cols() > 0 && frame.points.allFinite();
   if (face && id_ == 0) id_ = frame.id;
   if (face && frame.id != id_) {
     fail("another face");
   } else if (face) {
-    seen_ = frame.time;
+    last_face_time_ = frame.time;
     if (status_.state == LivenessState::kLook) {
-      look(frame);
+      record_reference(frame);
       // A person who never looks into the camera gets no task.
       if (status_.state == LivenessState::kLook && frame.time - task_start_ > options_.task_s)
         fail("time");
     } else {
-      ask(frame);
+      check_task(frame);
     }
-  } else if (id_ != 0 && frame.time - seen_ > options_.lost_s) {
+  } else if (id_ != 0 && frame.time - last_face_time_ > options_.lost_s) {
     fail("no face");
   } else if (frame.time - task_start_ > options_.task_s) {
     fail(status_.state == LivenessState::kLook ? "no face" : "time");

@@ -71,7 +71,7 @@ struct LivenessStatus {
   LivenessState state = LivenessState::kLook;
   std::optional<LivenessTask> task;  // the current task
   int done = 0;                      // completed tasks
-  double left_s = 0;                 // remaining time of the task
+  double remaining_s = 0;            // remaining time of the task
   double openness = 1;               // see above; of the latest frame
   double parallax = 0;
   std::string
@@ -93,9 +93,9 @@ class Liveness {
   [[nodiscard]] const std::vector<LivenessTask>& tasks() const { return tasks_; }
 
  private:
-  void look(const LivenessFrame& frame);
+  void record_reference(const LivenessFrame& frame);
   AffineMap measure(const LivenessFrame& frame);  // returns the affine map A
-  void ask(const LivenessFrame& frame);
+  void check_task(const LivenessFrame& frame);
   void next_task(double time);
   void fail(std::string reason);
 
@@ -104,7 +104,7 @@ class Liveness {
   LivenessStatus status_;
   std::optional<double> start_;      // of the reference, s
   std::optional<double> last_time_;  // of any frame
-  double seen_ = 0;                  // time of the last frame with a face
+  double last_face_time_ = 0;        // time of the last frame with a face
   int id_ = 0;
   Eigen::Matrix2Xd sum_;  // sum of points in the first frame's coordinates
   Eigen::Matrix2Xd first_;
@@ -116,7 +116,7 @@ class Liveness {
   double pitch_ = 0;
   double task_start_ = 0;
   BlinkDetector blinks_;
-  bool flat_turn_ = false;  // in this task the yaw was large enough, but not the parallax
+  bool has_flat_turn_ = false;  // in this task the yaw was large enough, but not the parallax
 };
 
 }  // namespace tarsier::face::head

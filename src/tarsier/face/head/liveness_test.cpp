@@ -37,13 +37,13 @@ Eigen::Matrix3Xd formula_head(double open) {
   for (int i = 0; i < 4; ++i) x.col(27 + i) << 0, 12 * i, -4 - 8 * i;  // bridge to tip: -28
   for (int i = 0; i < 5; ++i) x.col(31 + i) << -14 + 7 * i, 42, -10 - 3 * (2 - std::abs(i - 2));
   for (int eye = 0; eye < 2; ++eye) {
-    const double middle = eye == 0 ? -31 : 31;
+    const double center = eye == 0 ? -31 : 31;
     const double dx[6] = {-14, -5, 5, 14, 5, -5};
     const double dy[6] = {0, -5, -5, 0, 5, 5};
-    for (int k = 0; k < 6; ++k) x.col(36 + 6 * eye + k) << middle + dx[k], open * dy[k], 2;
+    for (int k = 0; k < 6; ++k) x.col(36 + 6 * eye + k) << center + dx[k], open * dy[k], 2;
     for (Eigen::Index k = 0; k < kIris; ++k) {
       const double a = 2 * 3.14159265358979 * static_cast<double>(k) / kIris;
-      x.col(68 + kIris * eye + k) << middle + 5 * std::cos(a), 5 * std::sin(a), 2;
+      x.col(68 + kIris * eye + k) << center + 5 * std::cos(a), 5 * std::sin(a), 2;
     }
   }
   for (int k = 0; k < 20; ++k) {  // mouth
@@ -69,57 +69,57 @@ Eigen::Matrix2Xd image_of(const Eigen::Matrix3Xd& shape, const HeadAngles& angle
 }
 
 // An actor, live or not, that receives the tasks.
-struct Act {
+struct Motion {
   HeadAngles angles;
   double open = 1;
 };
-using Actor = std::function<Act(const LivenessStatus&, double time)>;
+using MotionScript = std::function<Motion(const LivenessStatus&, double time)>;
 
 // A live person: turns by `degrees`, or shuts the eyes for 0.2 s.
-Actor person(double degrees) {
+MotionScript person(double degrees) {
   return [degrees, since = 0.0, last = -1](const LivenessStatus& status, double time) mutable {
-    Act act;
+    Motion motion;
     if (status.done != last) {
       last = status.done;
       since = time;
     }
     const double t = time - since;
-    if (!status.task) return act;
+    if (!status.task) return motion;
     if (*status.task == LivenessTask::kBlink) {
-      act.open = t > 0.8 && t < 1.0 ? 0.1 : 1;
+      motion.open = t > 0.8 && t < 1.0 ? 0.1 : 1;
     } else if (t > 0.3) {
       const double turn = std::min(degrees, 40 * (t - 0.3));
-      act.angles.yaw_deg = *status.task == LivenessTask::kTurnLeft ? -turn : turn;
+      motion.angles.yaw_deg = *status.task == LivenessTask::kTurnLeft ? -turn : turn;
     }
     // The head need not return to the middle before the next task. Each task is measured relative
     // to its own start.
-    return act;
+    return motion;
   };
 }
 
-LivenessStatus play(std::uint64_t seed, const Actor& actor, bool flat, double noise = 0.5,
-                    const LivenessOptions& options = {}) {
+LivenessStatus run_challenge(std::uint64_t seed, const MotionScript& script, bool flat,
+                             double noise = 0.5, const LivenessOptions& options = {}) {
   Liveness liveness(seed, options);
   Rng rng(seed + 1000);
   for (double time = 0; time < 40; time += 1 / kFps) {
-    const Act act = actor(liveness.status(), time);
-    Eigen::Matrix3Xd shape = formula_head(flat ? 1 : act.open);
+    const Motion motion = script(liveness.status(), time);
+    Eigen::Matrix3Xd shape = formula_head(flat ? 1 : motion.open);
     if (flat) shape.row(2).setZero();
     LivenessFrame frame;
     frame.time = time;
     frame.id = 1;
-    frame.points = image_of(shape, act.angles, noise, rng).leftCols(68);
+    frame.points = image_of(shape, motion.angles, noise, rng).leftCols(68);
     if (liveness.status().task == LivenessTask::kBlink)
-      frame.image = testing::image_of_eyes(image_of(shape, act.angles, 0, rng));
-    frame.yaw_deg = act.angles.yaw_deg + rng.normal();
-    frame.pitch_deg = act.angles.pitch_deg + rng.normal();
+      frame.image = testing::image_of_eyes(image_of(shape, motion.angles, 0, rng));
+    frame.yaw_deg = motion.angles.yaw_deg + rng.normal();
+    frame.pitch_deg = motion.angles.pitch_deg + rng.normal();
     const LivenessStatus& status = liveness.step(frame);
     if (status.state == LivenessState::kPassed || status.state == LivenessState::kFailed) break;
   }
   return liveness.status();
 }
 
-TEST(DrawTasks, AreOfTheSeedAndNeverTwiceInARow) {
+TEST(DrawTasks, AreDeterministicAndNeverRepeat) {
   std::set<std::vector<LivenessTask>> orders;
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
     const auto tasks = draw_tasks(4, seed);
@@ -130,33 +130,33 @@ TEST(DrawTasks, AreOfTheSeedAndNeverTwiceInARow) {
   EXPECT_EQ(orders.size(), 24U) << "3 * 2 * 2 * 2 of them";
 }
 
-TEST(Liveness, PassesWhoDoesWhatIsAsked) {
+TEST(Liveness, PassesAPersonWhoPerformsTheTasks) {
   int passed = 0;
   for (std::uint64_t seed = 0; seed < 50; ++seed)
-    passed += play(seed, person(25), false).state == LivenessState::kPassed ? 1 : 0;
+    passed += run_challenge(seed, person(25), false).state == LivenessState::kPassed ? 1 : 0;
   EXPECT_GE(passed, 49);
 }
 
-TEST(Liveness, RefusesAPlaneThatIsTurned) {
+TEST(Liveness, RejectsTurnedFlatImage) {
   for (std::uint64_t seed = 0; seed < 50; ++seed) {
-    const LivenessStatus status = play(seed, person(35), true);
+    const LivenessStatus status = run_challenge(seed, person(35), true);
     EXPECT_EQ(status.state, LivenessState::kFailed) << seed;
   }
 }
 
 // A plane is moved in every direction, fast and slow, and nodded so that the eyes look narrower.
-TEST(Liveness, RefusesAPlaneThatIsWaved) {
+TEST(Liveness, RejectsWavedFlatImage) {
   int flat = 0;
   for (std::uint64_t seed = 0; seed < 50; ++seed) {
     const double rate = 0.5 + 0.1 * static_cast<double>(seed % 20);
-    const LivenessStatus status = play(
+    const LivenessStatus status = run_challenge(
         seed,
         [&](const LivenessStatus& now, double time) {
-          Act act;
-          if (!now.task) return act;
-          act.angles = {45 * std::sin(rate * time), 50 * std::sin(0.7 * rate * time),
-                        15 * std::sin(1.3 * rate * time)};
-          return act;
+          Motion motion;
+          if (!now.task) return motion;
+          motion.angles = {45 * std::sin(rate * time), 50 * std::sin(0.7 * rate * time),
+                           15 * std::sin(1.3 * rate * time)};
+          return motion;
         },
         true);
     EXPECT_EQ(status.state, LivenessState::kFailed) << seed;
@@ -165,23 +165,24 @@ TEST(Liveness, RefusesAPlaneThatIsWaved) {
   EXPECT_GT(flat, 0) << "and says why";
 }
 
-TEST(Liveness, RefusesWhoDoesNothingOrTheOtherThing) {
-  const auto still = [](const LivenessStatus&, double) { return Act{}; };
-  EXPECT_EQ(play(1, still, false).reason, "time");
+TEST(Liveness, FailsWithoutMotionOrWithWrongMotion) {
+  const auto still = [](const LivenessStatus&, double) { return Motion{}; };
+  EXPECT_EQ(run_challenge(1, still, false).reason, "time");
   LivenessOptions turn;
   turn.tasks = 2;
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
     const auto wrong = [&](const LivenessStatus& now, double time) {
-      Act act = person(25)(now, time);
-      if (!now.task) return act;
-      act.angles.yaw_deg = *now.task == LivenessTask::kTurnLeft ? 25 : -25;  // the wrong direction
-      return act;
+      Motion motion = person(25)(now, time);
+      if (!now.task) return motion;
+      motion.angles.yaw_deg =
+          *now.task == LivenessTask::kTurnLeft ? 25 : -25;  // the wrong direction
+      return motion;
     };
-    EXPECT_EQ(play(seed, wrong, false, 0.5, turn).state, LivenessState::kFailed) << seed;
+    EXPECT_EQ(run_challenge(seed, wrong, false, 0.5, turn).state, LivenessState::kFailed) << seed;
   }
 }
 
-TEST(Liveness, FailsWithoutAFaceAndWithAnotherOne) {
+TEST(Liveness, FailsWithoutAFaceOrWithAnotherId) {
   Rng rng(1);
   const auto frame = [&](double time, int id) {
     LivenessFrame out;
@@ -202,14 +203,14 @@ TEST(Liveness, FailsWithoutAFaceAndWithAnotherOne) {
   EXPECT_EQ(gone.step(empty).state, LivenessState::kLook);
   empty.time = 0.6;
   EXPECT_EQ(gone.step(empty).reason, "no face");
-  Liveness nobody(1);
+  Liveness no_face(1);
   for (empty.time = 0; empty.time < 5; empty.time += 0.5)
-    EXPECT_EQ(nobody.step(empty).state, LivenessState::kLook);
+    EXPECT_EQ(no_face.step(empty).state, LivenessState::kLook);
   empty.time = 7;
-  EXPECT_EQ(nobody.step(empty).reason, "no face");
+  EXPECT_EQ(no_face.step(empty).reason, "no face");
 }
 
-TEST(Liveness, RefusesMisuse) {
+TEST(Liveness, RejectsInvalidArguments) {
   LivenessOptions bad;
   bad.blink.min_closing = -0.5;
   EXPECT_THROW(Liveness(1, bad), std::invalid_argument);

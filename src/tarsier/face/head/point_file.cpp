@@ -17,7 +17,7 @@ namespace tarsier::face::head {
 namespace {
 
 constexpr std::size_t kMaxPoints = 100'000;
-constexpr double kLargest = 1e9;
+constexpr double kMaxValue = 1e9;
 
 std::vector<double> numbers_of(std::string_view line, const std::string& path, int number) {
   std::vector<double> values;
@@ -35,7 +35,7 @@ std::vector<double> numbers_of(std::string_view line, const std::string& path, i
     if (error != std::errc() || stop != word.data() + word.size()) {
       throw InputError(path, fmt::format("line {}: '{}' is no number", number, word.substr(0, 40)));
     }
-    if (!(std::abs(value) <= kLargest)) {
+    if (!(std::abs(value) <= kMaxValue)) {
       throw InputError(
           path, fmt::format("line {}: {} is not finite or beyond 1e9", number, word.substr(0, 40)));
     }
@@ -48,7 +48,7 @@ std::vector<double> numbers_of(std::string_view line, const std::string& path, i
 Eigen::MatrixXd read(const std::string& path, int dimensions, bool header) {
   const std::string text = read_file(path, 10'000'000);
   std::vector<double> all;
-  std::size_t most = std::numeric_limits<std::size_t>::max();
+  std::size_t max_points = std::numeric_limits<std::size_t>::max();
   bool is_first = true;
   int number = 0;
   for (std::string_view rest = text; !rest.empty();) {
@@ -63,7 +63,7 @@ Eigen::MatrixXd read(const std::string& path, int dimensions, bool header) {
       if (!(values[0] >= 1 && values[0] <= static_cast<double>(kMaxPoints))) {
         throw InputError(path, fmt::format("line {}: {} points", number, values[0]));
       }
-      most = static_cast<std::size_t>(values[0]);
+      max_points = static_cast<std::size_t>(values[0]);
       continue;
     }
     if (values.size() != static_cast<std::size_t>(dimensions)) {
@@ -74,7 +74,7 @@ Eigen::MatrixXd read(const std::string& path, int dimensions, bool header) {
       throw InputError(path, fmt::format("more than {} points", kMaxPoints));
     }
     all.insert(all.end(), values.begin(), values.end());
-    if (all.size() / static_cast<std::size_t>(dimensions) >= most) break;
+    if (all.size() / static_cast<std::size_t>(dimensions) >= max_points) break;
   }
   if (all.empty()) throw InputError(path, "has no points");
   return Eigen::Map<const Eigen::MatrixXd>(all.data(), dimensions,

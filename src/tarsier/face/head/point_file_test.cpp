@@ -40,7 +40,7 @@ TEST_F(PointFile, ReadsNumbersWithBlanksCommasAndComments) {
   EXPECT_EQ(points.col(1), Eigen::Vector3d(4, -5.5, 60));
 }
 
-TEST_F(PointFile, RefusesWhatIsNoPoint) {
+TEST_F(PointFile, RejectsInvalidLines) {
   EXPECT_THAT(refusal("1 2\n3\n"), HasSubstr("line 2: 1 numbers where a point has 2"));
   EXPECT_THAT(refusal("1 2 3\n"), HasSubstr("line 1"));
   EXPECT_THAT(refusal("1 nan\n"), HasSubstr("not finite"));
@@ -54,7 +54,7 @@ TEST_F(PointFile, RefusesWhatIsNoPoint) {
   EXPECT_THROW((void)read_point_file(folder_, 2), InputError);
 }
 
-TEST_F(PointFile, LandmarksMayTellTheirCount) {
+TEST_F(PointFile, LandmarkFilesMayStateTheirCount) {
   EXPECT_EQ(read_landmarks3d(write("2 100\n1 2 3\n4 5 6\n7 8 9\nmore words\n")).cols(), 2);
   EXPECT_EQ(read_landmarks3d(write("1 2 3\n4 5 6\n")).cols(), 2);
   EXPECT_THROW((void)read_landmarks3d(write("-4 2\n1 2 3\n")), InputError);

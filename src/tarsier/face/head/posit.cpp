@@ -20,7 +20,7 @@ using Eigen::Vector3d;
 
 namespace {
 
-constexpr double kFlattest = 1e-3;
+constexpr double kMinFlatness = 1e-3;
 
 }  // namespace
 
@@ -58,7 +58,7 @@ PositModel::PositModel(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& we
     defect_ = planar_defect_ = "the points of the object have no extent";
     return;
   }
-  if (extent[1] < kFlattest * extent[2]) {
+  if (extent[1] < kMinFlatness * extent[2]) {
     defect_ = planar_defect_ = "the points of the object are collinear";
     return;
   }
@@ -68,7 +68,7 @@ PositModel::PositModel(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& we
                          solver.eigenvalues().tail<2>().cwiseInverse().asDiagonal() *
                          solver.eigenvectors().rightCols<2>().transpose();
   planar_inverse_ = weights_.asDiagonal() * from_centroid_ * plane;
-  if (flatness_ < kFlattest) {
+  if (flatness_ < kMinFlatness) {
     defect_ = "the points of the object are coplanar: two poses fit them (near-planar form)";
     return;
   }

@@ -116,8 +116,8 @@ struct PositWorkspace {
 // (2n - 6) (Hartley and Zisserman, Multiple View Geometry in Computer Vision, 2nd edition 2004,
 // section 5.2).
 struct PositSigma {
-  Eigen::Vector3d turn_deg;     // about the camera's x, y and z axis
-  Eigen::Vector3d translation;  // unit of the object
+  Eigen::Vector3d rotation_deg;  // about the camera's x, y and z axis
+  Eigen::Vector3d translation;   // unit of the object
 };
 // points: 3 x n; image: 2 x n, px of `camera`. For a least-squares (refined) pose; the residuals of
 // POSIT alone are larger. Empty for fewer than 4 points, or if the points do not determine the

@@ -19,7 +19,7 @@ using Eigen::Vector3d;
 
 namespace {
 
-constexpr const char* kBehind = "the points come out behind the camera";
+constexpr const char* kBehindCamera = "the points come out behind the camera";
 constexpr const char* kNoScale = "the points of the image coincide";
 
 // inverse' * v, and 1 + points * forward, without allocation.
@@ -53,7 +53,7 @@ bool rotation_of_rows(const Vector3d& first, const Vector3d& second, Matrix3d& r
 
 }  // namespace
 
-bool PositSolver::takes_depths(State& state) {
+bool PositSolver::update_depths(State& state) {
   const double change = (space.wx - space.w).cwiseAbs().maxCoeff();
   space.w.swap(space.wx);
   state.converged = change < options.tolerance;
@@ -76,7 +76,7 @@ PositResult PositSolver::homogeneous() {
         model.weights_.dot(space.wy) / n / scale, 1 / scale;
     const Vector3d forward = scale * state.rotation.row(2).transpose();
     depths(model.from_centroid_, forward, space.wx);
-    if (takes_depths(state)) break;
+    if (update_depths(state)) break;
   }
   return finish(state, options.refine_steps);
 }
@@ -103,7 +103,7 @@ PositResult PositSolver::classic() {
     const Vector3d at_reference(x0 / scale, y0 / scale, 1 / scale);
     state.translation = at_reference + state.rotation * (model.centroid_ - model.reference_point_);
     depths(model.from_reference_, scale * state.rotation.row(2).transpose(), space.wx);
-    if (takes_depths(state)) break;
+    if (update_depths(state)) break;
   }
   return finish(state, options.refine_steps);
 }
@@ -190,7 +190,7 @@ PositResult PositSolver::finish(State& state, int refine_steps) const {
     return {std::nullopt, "the iteration does not come to an end"};
   if (refine_steps > 0) refine(state, refine_steps);
   const double sum = cost(state.rotation, state.translation);
-  if (!std::isfinite(sum)) return {std::nullopt, kBehind};
+  if (!std::isfinite(sum)) return {std::nullopt, kBehindCamera};
   PositPose pose;
   const Vector3d translation = state.translation - state.rotation * model.centroid_;
   for (int r = 0; r < 3; ++r) {
@@ -242,7 +242,7 @@ PositResult PositSolver::planar_branch(double sign) {
     state.translation << model.weights_.dot(space.wx) / n / scale,
         model.weights_.dot(space.wy) / n / scale, 1 / scale;
     depths(model.from_centroid_, scale * state.rotation.row(2).transpose(), space.wx);
-    if (takes_depths(state)) break;
+    if (update_depths(state)) break;
   }
   return finish(state, std::max(options.refine_steps, 10));
 }

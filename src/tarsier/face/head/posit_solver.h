@@ -25,7 +25,7 @@ struct PositSolver {
     bool converged = false;
   };
   // Replaces the depths space.w by space.wx; true if they hardly changed.
-  bool takes_depths(State& state);
+  bool update_depths(State& state);
   // Levenberg-Marquardt from `state`, at most `steps` steps.
   void refine(State& state, int steps) const;
   // Sum of weighted squared residuals; infinite if a point is behind the camera.

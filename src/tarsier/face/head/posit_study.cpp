@@ -29,10 +29,10 @@ Scene random_scene(const Eigen::Matrix3Xd& points, double noise_px, Rng rng) {
   Scene scene;
   scene.truth.rotation =
       rotation_of_angles({rng.uniform(-45, 45), rng.uniform(-30, 30), rng.uniform(-20, 20)});
-  const double away = rng.uniform(450, 900);
+  const double distance = rng.uniform(450, 900);
   // The centre of the head within an image of 640 x 480.
-  scene.truth.translation = {away * rng.uniform(-160, 160) / kFocal,
-                             away * rng.uniform(-80, 80) / kFocal, away};
+  scene.truth.translation = {distance * rng.uniform(-160, 160) / kFocal,
+                             distance * rng.uniform(-80, 80) / kFocal, distance};
   scene.pixels.resize(2, points.cols());
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
     const Eigen::Vector3d x = scene.truth * points.col(i);
@@ -110,9 +110,9 @@ std::vector<PositStudyRow> run_posit_study(const Eigen::Matrix3Xd& points,
                             180 / std::numbers::pi;
         row.translation_mm += (found.translation - scene.truth.translation).norm();
       }
-      const int answered = std::max(1, options.poses - row.failures);
-      row.rotation_deg /= answered;
-      row.translation_mm /= answered;
+      const int with_pose = std::max(1, options.poses - row.failures);
+      row.rotation_deg /= with_pose;
+      row.translation_mm /= with_pose;
       const auto half = times.begin() + static_cast<std::ptrdiff_t>(times.size() / 2);
       std::nth_element(times.begin(), half, times.end());
       row.us = *half;

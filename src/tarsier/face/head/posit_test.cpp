@@ -69,7 +69,7 @@ TEST(Posit, IsExactWithoutNoise) {
   }
 }
 
-TEST(Posit, InPixelsOfALensIsThatOfTheUndistortedImage) {
+TEST(Posit, UndistortsPixels) {
   Rng rng(2);
   const Matrix3Xd shape = testing_head(0).mean;
   const PositModel model(shape);
@@ -85,7 +85,7 @@ TEST(Posit, InPixelsOfALensIsThatOfTheUndistortedImage) {
   EXPECT_LT(degrees_between(result.pose->camera_from_object, truth), 1e-5);
 }
 
-TEST(Posit, RefinementFindsTheLeastReprojectionError) {
+TEST(Posit, RefinementMinimisesReprojectionError) {
   Rng rng(3);
   const Matrix3Xd shape = testing_head(0).mean;
   const PositModel model(shape);
@@ -118,7 +118,7 @@ TEST(Posit, RefinementFindsTheLeastReprojectionError) {
   }
 }
 
-TEST(Posit, CountsPointsByTheirWeight) {
+TEST(Posit, IgnoresPointsOfZeroWeight) {
   Rng rng(4);
   const Matrix3Xd shape = testing_head(0).mean;
   VectorXd weights = VectorXd::Ones(shape.cols());
@@ -177,7 +177,7 @@ TEST(Posit, SolvesTheCube) {
   }
 }
 
-TEST(Posit, RefusesWhatHasNoPoseWithAReason) {
+TEST(Posit, GivesAReasonIfThereIsNoPose) {
   const Matrix3Xd shape = testing_head(0).mean;
   const Matrix2Xd image = normalized_image(shape, {Eigen::Matrix3d::Identity(), {0, 0, 600}});
   PositWorkspace workspace;
@@ -209,7 +209,7 @@ TEST(Posit, RefusesWhatHasNoPoseWithAReason) {
   EXPECT_THROW(PositModel(shape, {}, 25), std::invalid_argument);
 }
 
-TEST(Posit, NeverAnswersWithAPoseBehindTheCameraOrNan) {
+TEST(Posit, NeverReturnsPoseBehindTheCameraOrNan) {
   Rng rng(5);
   PositWorkspace workspace;
   const PositModel model(testing_head(0).mean);
@@ -267,7 +267,8 @@ TEST(PositSigma, CoversTheErrorsOfNoisyPoints) {
     ASSERT_TRUE(sigma);
     const Eigen::Array3d off =
         geometry::rotation_vector(truth.rotation * pose.rotation.transpose()).array().abs();
-    within.head<3>() += (off * (180 / std::numbers::pi) <= sigma->turn_deg.array()).cast<double>();
+    within.head<3>() +=
+        (off * (180 / std::numbers::pi) <= sigma->rotation_deg.array()).cast<double>();
     within.tail<3>() +=
         ((truth.translation - pose.translation).array().abs() <= sigma->translation.array())
             .cast<double>();
@@ -301,7 +302,7 @@ TEST(PositPlanar, FindsBothPosesOfAPlane) {
   EXPECT_GT(both, 100);
 }
 
-TEST(PositPlanar, OfANearlyFlatObjectHasTheTruthAmongThem) {
+TEST(PositPlanar, RecoversPoseOfNearlyFlatObject) {
   Rng rng(7);
   Matrix3Xd thin(3, 12);
   for (Eigen::Index i = 0; i < 12; ++i)
@@ -317,7 +318,7 @@ TEST(PositPlanar, OfANearlyFlatObjectHasTheTruthAmongThem) {
   }
 }
 
-TEST(PositPlanar, RefusesALine) {
+TEST(PositPlanar, RejectsCollinearPoints) {
   Matrix3Xd line(3, 5);
   for (Eigen::Index i = 0; i < 5; ++i) line.col(i) << static_cast<double>(i), 0, 0;
   PositWorkspace workspace;
@@ -328,7 +329,7 @@ TEST(PositPlanar, RefusesALine) {
 }
 
 // The study of `tarsier bench posit`, on the installed head.
-TEST(PositStudy, MeetsSqpnp) {
+TEST(PositStudy, IsNearlyAsAccurateAsSqpnp) {
   const HeadModel model = read_head_model(TARSIER_SOURCE_MODELS "/head.json");
   PositStudyOptions options;
   options.poses = 500;

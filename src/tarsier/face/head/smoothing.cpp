@@ -46,16 +46,16 @@ MeanFilter::MeanFilter(int length) : length_(static_cast<std::size_t>(length)) {
 }
 
 geometry::Rigid3 MeanFilter::operator()(const geometry::Rigid3& pose,
-                                        Eigen::Matrix3d* turn_covariance) {
+                                        Eigen::Matrix3d* rotation_covariance) {
   last_.push_back(pose);
   if (last_.size() > length_) last_.pop_front();
   const geometry::Rigid3 mean = mean_pose({last_.begin(), last_.end()});
-  if (turn_covariance != nullptr) {
-    covariances_.push_back(*turn_covariance);
+  if (rotation_covariance != nullptr) {
+    covariances_.push_back(*rotation_covariance);
     if (covariances_.size() > length_) covariances_.pop_front();
     Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
     for (const Eigen::Matrix3d& covariance : covariances_) sum += covariance;
-    *turn_covariance = with_lag(sum / static_cast<double>(covariances_.size()), mean, pose);
+    *rotation_covariance = with_lag(sum / static_cast<double>(covariances_.size()), mean, pose);
   }
   return mean;
 }
@@ -65,31 +65,31 @@ OneEuroFilter::OneEuroFilter(const OneEuroOptions& options) : options_(options) 
 }
 
 geometry::Rigid3 OneEuroFilter::operator()(const geometry::Rigid3& pose, double time,
-                                           Eigen::Matrix3d* turn_covariance) {
+                                           Eigen::Matrix3d* rotation_covariance) {
   const double seconds = time - time_;
   if (!is_started_ || !(seconds > 0)) {
     is_started_ = true;
     time_ = time;
     raw_ = smooth_ = pose;
-    turn_speed_ = 0;
+    rotation_speed_ = 0;
     velocity_.setZero();
-    if (turn_covariance != nullptr) covariance_ = *turn_covariance;
+    if (rotation_covariance != nullptr) covariance_ = *rotation_covariance;
     return pose;
   }
   const double of_speed = share(options_.speed_cutoff_hz, seconds);
   const double turned =
       geometry::angle_of(pose.rotation * raw_.rotation.transpose()) * 180 / std::numbers::pi;
-  turn_speed_ += of_speed * (turned / seconds - turn_speed_);
+  rotation_speed_ += of_speed * (turned / seconds - rotation_speed_);
   velocity_ += of_speed * ((pose.translation - raw_.translation) * (1 / seconds) - velocity_);
-  const double of_turn =
-      share(options_.rotation_cutoff_hz + options_.rotation_beta * turn_speed_, seconds);
+  const double of_rotation =
+      share(options_.rotation_cutoff_hz + options_.rotation_beta * rotation_speed_, seconds);
   const double of_shift =
       share(options_.translation_cutoff_hz + options_.translation_beta * velocity_.norm(), seconds);
-  smooth_.rotation = geometry::interpolate(smooth_.rotation, pose.rotation, of_turn);
+  smooth_.rotation = geometry::interpolate(smooth_.rotation, pose.rotation, of_rotation);
   smooth_.translation += of_shift * (pose.translation - smooth_.translation);
-  if (turn_covariance != nullptr) {
-    covariance_ += of_turn * (*turn_covariance - covariance_);
-    *turn_covariance = with_lag(covariance_, smooth_, pose);
+  if (rotation_covariance != nullptr) {
+    covariance_ += of_rotation * (*rotation_covariance - covariance_);
+    *rotation_covariance = with_lag(covariance_, smooth_, pose);
   }
   raw_ = pose;
   time_ = time;

@@ -29,7 +29,7 @@ class MeanFilter {
  public:
   explicit MeanFilter(int length = 5);  // 1..1000
   [[nodiscard]] geometry::Rigid3 operator()(const geometry::Rigid3& pose,
-                                            Eigen::Matrix3d* turn_covariance = nullptr);
+                                            Eigen::Matrix3d* rotation_covariance = nullptr);
   void reset() {
     last_.clear();
     covariances_.clear();
@@ -65,7 +65,7 @@ class OneEuroFilter {
   explicit OneEuroFilter(const OneEuroOptions& options = {});
   // `time` in s, rising. A pose at or before the last one's time restarts the filter.
   [[nodiscard]] geometry::Rigid3 operator()(const geometry::Rigid3& pose, double time,
-                                            Eigen::Matrix3d* turn_covariance = nullptr);
+                                            Eigen::Matrix3d* rotation_covariance = nullptr);
   void reset() { is_started_ = false; }
 
  private:
@@ -75,7 +75,7 @@ class OneEuroFilter {
   geometry::Rigid3 raw_;
   geometry::Rigid3 smooth_;
   Eigen::Matrix3d covariance_ = Eigen::Matrix3d::Zero();  // without the lag
-  double turn_speed_ = 0;                                 // degrees/s
+  double rotation_speed_ = 0;                             // degrees/s
   Eigen::Vector3d velocity_ = Eigen::Vector3d::Zero();    // mm/s
 };
 

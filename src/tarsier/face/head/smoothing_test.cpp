@@ -23,7 +23,7 @@ double degrees_between(const geometry::Rigid3& a, const geometry::Rigid3& b) {
   return geometry::angle_of(a.rotation * b.rotation.transpose()) * kDegrees;
 }
 
-TEST(MeanPose, IsInTheMiddleAlsoAcross180Degrees) {
+TEST(MeanPose, AveragesAcross180Degrees) {
   const auto mean = mean_pose({pose_of(0, 170, 2), pose_of(0, -170, 4)});
   EXPECT_LT(degrees_between(mean, pose_of(0, 180)), 1e-9);
   EXPECT_NEAR(mean.translation[0], 3, 1e-12);
@@ -31,7 +31,7 @@ TEST(MeanPose, IsInTheMiddleAlsoAcross180Degrees) {
   EXPECT_THROW((void)mean_pose({}), std::invalid_argument);
 }
 
-TEST(MeanFilter, AveragesTheLastOnes) {
+TEST(MeanFilter, AveragesTheLastPoses) {
   MeanFilter filter(3);
   EXPECT_LT(degrees_between(filter(pose_of(12)), pose_of(12)), 1e-9);
   EXPECT_LT(degrees_between(filter(pose_of(0)), pose_of(6)), 1e-9);
@@ -42,7 +42,7 @@ TEST(MeanFilter, AveragesTheLastOnes) {
   EXPECT_THROW(MeanFilter(0), std::invalid_argument);
 }
 
-TEST(OneEuro, SteadiesAHeadThatIsStill) {
+TEST(OneEuro, ReducesNoiseOfAStillHead) {
   Rng rng(1);
   OneEuroFilter filter;
   double raw = 0;
@@ -57,7 +57,7 @@ TEST(OneEuro, SteadiesAHeadThatIsStill) {
   EXPECT_LT(smooth, 0.65 * raw);
 }
 
-TEST(OneEuro, FollowsAHeadThatTurnsFast) {
+TEST(OneEuro, FollowsFastRotationWithLittleLag) {
   OneEuroFilter filter;
   double lag = 0;
   for (int k = 0; k < 60; ++k) {
@@ -70,7 +70,7 @@ TEST(OneEuro, FollowsAHeadThatTurnsFast) {
   EXPECT_GT(lag, 0.1);
 }
 
-TEST(OneEuro, StartsAnewWhenTimeGoesBack) {
+TEST(OneEuro, RestartsWhenTimeGoesBack) {
   OneEuroFilter filter;
   (void)filter(pose_of(0), 1);
   (void)filter(pose_of(0), 2);
@@ -89,7 +89,7 @@ Eigen::Matrix3d covariance_of(double degrees) {
   return Eigen::Matrix3d::Identity() * (degrees / kDegrees) * (degrees / kDegrees);
 }
 
-TEST(Smoothing, UncertaintyOfAStillHeadStays) {
+TEST(Smoothing, KeepsUncertaintyOfAStillHead) {
   OneEuroFilter one_euro;
   MeanFilter mean(5);
   for (int k = 0; k < 20; ++k) {
@@ -102,7 +102,7 @@ TEST(Smoothing, UncertaintyOfAStillHeadStays) {
   }
 }
 
-TEST(Smoothing, UncertaintyIsFollowedAndCountsTheLag) {
+TEST(Smoothing, UncertaintyIncludesTheLag) {
   MeanFilter mean(3);
   Eigen::Matrix3d covariance = covariance_of(1);
   (void)mean(pose_of(0), &covariance);

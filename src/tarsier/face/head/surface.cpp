@@ -12,7 +12,7 @@ namespace tarsier::face::head {
 namespace {
 
 constexpr int kRings = 16;
-constexpr int kAround = 32;
+constexpr int kSegments = 32;
 
 // The head above and behind the face, with the proportions of an adult's head. Unit: its half width
 // (the farthest landmark from the plane of symmetry, about 74 mm). Depth 1.3 half widths, crown 1.5
@@ -29,21 +29,21 @@ void add_skull(HeadSurface& surface, const Eigen::Matrix3Xd& shape) {
   }
   const Eigen::Vector3d center(0, -0.1 * half, front + 4 + radii[2]);
   const auto first = surface.points.cols();
-  surface.points.conservativeResize(3, first + (kRings + 1) * kAround);
+  surface.points.conservativeResize(3, first + (kRings + 1) * kSegments);
   for (int ring = 0; ring <= kRings; ++ring) {
     const double down = std::numbers::pi * ring / kRings;
-    for (int k = 0; k < kAround; ++k) {
-      const double turn = 2 * std::numbers::pi * k / kAround;
+    for (int k = 0; k < kSegments; ++k) {
+      const double turn = 2 * std::numbers::pi * k / kSegments;
       const Eigen::Vector3d unit(std::sin(down) * std::cos(turn), -std::cos(down),
                                  std::sin(down) * std::sin(turn));
-      surface.points.col(first + ring * kAround + k) = center + radii.cwiseProduct(unit);
+      surface.points.col(first + ring * kSegments + k) = center + radii.cwiseProduct(unit);
     }
   }
   const auto at = [&](int ring, int k) {
-    return static_cast<int>(first) + ring * kAround + k % kAround;
+    return static_cast<int>(first) + ring * kSegments + k % kSegments;
   };
   for (int ring = 0; ring < kRings; ++ring) {
-    for (int k = 0; k < kAround; ++k) {
+    for (int k = 0; k < kSegments; ++k) {
       if (ring > 0) {
         surface.triangles.push_back({at(ring, k), at(ring + 1, k), at(ring, k + 1)});
       }

@@ -11,7 +11,7 @@
 namespace tarsier::face::head {
 namespace {
 
-TEST(HeadSurface, FaceLooksTowardsTheCameraAndTheSkullIsClosedBehindIt) {
+TEST(HeadSurface, FaceTrianglesFaceTheCameraAndSkullIsClosed) {
   const HeadModel model = testing_head(3);
   const HeadSurface surface = head_surface(model, model.mean);
   const int n = model.points();

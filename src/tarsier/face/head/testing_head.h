@@ -84,9 +84,9 @@ inline geometry::Rigid3 random_pose(Rng& rng) {
   const double yaw = rng.uniform(-45, 45);
   const double pitch = rng.uniform(-30, 30);
   pose.rotation = rotation_of_angles({yaw, pitch, rng.uniform(-20, 20)});
-  const double away = rng.uniform(450, 900);
-  const double x = away * rng.uniform(-0.2, 0.2);
-  pose.translation = {x, away * rng.uniform(-0.1, 0.1), away};
+  const double distance = rng.uniform(450, 900);
+  const double x = distance * rng.uniform(-0.2, 0.2);
+  pose.translation = {x, distance * rng.uniform(-0.1, 0.1), distance};
   return pose;
 }
 

@@ -53,10 +53,10 @@ struct Trainer {
 
   [[nodiscard]] double distance() const { return options.distance_mm; }
   void start();
-  void see(View& view) const;
+  void update_visibility(View& view) const;
   void estimate(View& view, int steps) const;
   void update_shape();
-  void settle_gauge();
+  void fix_gauge();
   void update_noise();
 };
 
@@ -73,12 +73,12 @@ void Trainer::start() {
   noise = VectorXd::Constant(n, 0.05);
   m = 0;
   modes.resize(3 * n, 0);
-  settle_gauge();
+  fix_gauge();
 }
 
 // Visibility of the outline by the current yaw. With yaw > 0 the head turns to image left, and the
 // outline at image left (x < 0) is the edge of the cheek instead of the jaw.
-void Trainer::see(View& view) const {
+void Trainer::update_visibility(View& view) const {
   const double yaw = angles_of_rotation(view.camera.rotation).yaw_deg;
   const double far = std::exp(-0.5 * std::pow(yaw / options.outline_yaw_deg, 2));
   for (Index i = 0; i < n; ++i) {
@@ -109,8 +109,9 @@ void Trainer::estimate(View& view, int steps) const {
       view.flat.col(i) = camera.shift + factor * (view.points.col(i) - camera.shift);
       const Vector2d residual = view.flat.col(i) - camera.shift - camera.scale * q.head<2>();
       const double sigma = noise[i];
-      const double strange = residual.squaredNorm() / std::pow(options.robust_sigmas * sigma, 2);
-      view.weight[i] = view.visible[i] / ((1 + strange) * (1 + strange));
+      const double squared_ratio =
+          residual.squaredNorm() / std::pow(options.robust_sigmas * sigma, 2);
+      view.weight[i] = view.visible[i] / ((1 + squared_ratio) * (1 + squared_ratio));
       jacobian.leftCols(6) << 0, camera.scale * q[2], -camera.scale * q[1], camera.scale * q[0],
           factor, 0, -camera.scale * q[2], 0, camera.scale * q[0], camera.scale * q[1], 0, factor;
       if (m > 0) {
@@ -213,7 +214,7 @@ void Trainer::update_shape() {
 
 // Fixes the gauge: b has mean 0 and variance 1; the modes do not move, rotate or scale the head as
 // a whole; the origin is midway between the eyes; the eye distance is given.
-void Trainer::settle_gauge() {
+void Trainer::fix_gauge() {
   if (m > 0) {
     MatrixXd moment = MatrixXd::Zero(m + 1, m + 1);
     for (const View& view : views) moment += view.moment;
@@ -296,17 +297,18 @@ HeadModel model_of(const Trainer& trainer) {
 }
 
 // Rotates the head about x so that the median face has pitch 0.
-void settle_pitch(Trainer& trainer) {
+void set_median_pitch_to_zero(Trainer& trainer) {
   std::vector<double> pitches;
   for (const View& view : trainer.views)
     pitches.push_back(angles_of_rotation(view.camera.rotation).pitch_deg);
-  const auto middle = pitches.begin() + static_cast<std::ptrdiff_t>(pitches.size() / 2);
-  std::nth_element(pitches.begin(), middle, pitches.end());
-  const Matrix3d turn = rotation_of_angles({0, *middle, 0});
-  trainer.mean = turn * trainer.mean;
+  const auto median = pitches.begin() + static_cast<std::ptrdiff_t>(pitches.size() / 2);
+  std::nth_element(pitches.begin(), median, pitches.end());
+  const Matrix3d rotation = rotation_of_angles({0, *median, 0});
+  trainer.mean = rotation * trainer.mean;
   for (Index i = 0; i < trainer.n; ++i)
-    trainer.modes.middleRows(3 * i, 3) = turn * trainer.modes.middleRows(3 * i, 3).eval();
-  for (View& view : trainer.views) view.camera.rotation = view.camera.rotation * turn.transpose();
+    trainer.modes.middleRows(3 * i, 3) = rotation * trainer.modes.middleRows(3 * i, 3).eval();
+  for (View& view : trainer.views)
+    view.camera.rotation = view.camera.rotation * rotation.transpose();
 }
 
 }  // namespace
@@ -385,16 +387,16 @@ TrainedHead train_head(const std::vector<Matrix2Xd>& faces, const shape::Markup&
                       [&](const cv::Range& range) {
                         for (int f = range.start; f < range.end; ++f) {
                           View& view = trainer.views[static_cast<std::size_t>(f)];
-                          trainer.see(view);
+                          trainer.update_visibility(view);
                           trainer.estimate(view, 2);
                         }
                       });
     trainer.update_noise();
     trainer.update_shape();
-    trainer.settle_gauge();
+    trainer.fix_gauge();
     if (progress != nullptr) progress->advance();
   }
-  settle_pitch(trainer);
+  set_median_pitch_to_zero(trainer);
   if (progress != nullptr) progress->end();
 
   TrainedHead result;

@@ -94,7 +94,7 @@ TEST(Factorization, IsExactForARigidSymmetricObjectInScaledOrthography) {
   EXPECT_LT((turn - truth).norm(), 1e-6);
 }
 
-TEST(TrainHead, FindsTheHeadThatWasPhotographed) {
+TEST(TrainHead, RecoversTheHeadOfTheImages) {
   const HeadModel truth = testing_head(3);
   const Images images = image(truth, 400, 0.5, 2);
   const TrainedHead trained = train_head(images.faces, markup_of(truth), quick());
@@ -141,7 +141,7 @@ TEST(TrainHead, IsTheSameForAnyNumberOfThreadsAndLeavesOutIncompleteFaces) {
   EXPECT_EQ(one.angles[7].yaw_deg, four.angles[8].yaw_deg);
 }
 
-TEST(TrainHead, BearsOutliers) {
+TEST(TrainHead, ToleratesOutliers) {
   const HeadModel truth = testing_head(2);
   Images images = image(truth, 200, 0.5, 4);
   Rng rng(5);
@@ -154,7 +154,7 @@ TEST(TrainHead, BearsOutliers) {
       2.5);
 }
 
-TEST(TrainHead, RefusesWhatTeachesNothing) {
+TEST(TrainHead, RejectsTooFewOrUninformativeFaces) {
   const HeadModel truth = testing_head(0);
   const shape::Markup markup = markup_of(truth);
   const Images images = image(truth, 12, 0, 6);
@@ -189,7 +189,7 @@ TEST(TrainHead, RefusesWhatTeachesNothing) {
 }
 
 // Compares with the mean head of ICT-FaceKit, which is not in the training set.
-TEST(TrainHeadData, IsNearAMeasuredHead) {
+TEST(TrainHeadData, IsCloseToMeasuredHead) {
   TARSIER_LONG_TEST();
   const char* data = std::getenv("TARSIER_DATA");
   const std::filesystem::path folder = data == nullptr ? "" : data;

@@ -15,9 +15,9 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 // Centre of the visible head, in its frame, mm: between nose and ears.
-const Eigen::Vector3d kMiddle(0, 30, 40);
+const Eigen::Vector3d kHeadCenter(0, 30, 40);
 constexpr double kMinPx = 16;
-constexpr float kMaxPart = 0.2F;
+constexpr float kMaxGradient = 0.2F;
 
 // The smallest rotation that maps z to the unit vector d, d z > 0.
 Eigen::Matrix3d rotation_from_z(const Eigen::Vector3d& d) {
@@ -64,7 +64,7 @@ std::array<Share, kSide> shares() {
 
 using Cells = std::vector<float>;  // of kGradients
 
-std::size_t place_of(int row, int column, int orientation) {
+std::size_t gradient_index(int row, int column, int orientation) {
   return static_cast<std::size_t>((row * kCells + column) * kOrientations + orientation);
 }
 
@@ -97,8 +97,8 @@ Cells histograms(const cv::Mat& crop) {
           if (column < 0 || column >= kCells) continue;
           const float part = length * (dy == 1 ? down.upper : 1 - down.upper) *
                              (dx == 1 ? right.upper : 1 - right.upper);
-          cells[place_of(row, column, lower % kOrientations)] += part * (1 - upper_part);
-          cells[place_of(row, column, (lower + 1) % kOrientations)] += part * upper_part;
+          cells[gradient_index(row, column, lower % kOrientations)] += part * (1 - upper_part);
+          cells[gradient_index(row, column, (lower + 1) % kOrientations)] += part * upper_part;
         }
       }
     }
@@ -162,10 +162,10 @@ Eigen::VectorXf gradients_of(const cv::Mat& crop) {
       const std::array<float, 4> scales{block(r, c), block(r, c + 1), block(r + 1, c),
                                         block(r + 1, c + 1)};
       for (int k = 0; k < kOrientations; ++k) {
-        const float part = cells[place_of(r, c, k)];
+        const float part = cells[gradient_index(r, c, k)];
         float sum = 0;
-        for (const float scale : scales) sum += std::min(part * scale, kMaxPart);
-        result[static_cast<Eigen::Index>(place_of(r, c, k))] = sum / 4;
+        for (const float scale : scales) sum += std::min(part * scale, kMaxGradient);
+        result[static_cast<Eigen::Index>(gradient_index(r, c, k))] = sum / 4;
       }
     }
   }
@@ -178,7 +178,7 @@ std::optional<HeadView> view_of_head(const cv::Mat& gray, const geometry::Camera
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "an image of type {}", gray.type());
   TARSIER_REQUIRE(points.cols() == head.points(), "{} points, the head has {}", points.cols(),
                   head.points());
-  const Eigen::Vector3d middle = camera_from_head * kMiddle;
+  const Eigen::Vector3d middle = camera_from_head * kHeadCenter;
   const double distance = middle.norm();
   if (!(middle[2] > 1) || !std::isfinite(distance)) return std::nullopt;
   const auto pixel = camera.project(middle);
@@ -204,8 +204,8 @@ HeadView mirrored(const HeadView& view) {
     for (int c = 0; c < kCells; ++c)
       for (int k = 0; k < kOrientations; ++k)
         result.gradients[static_cast<Eigen::Index>(
-            place_of(r, kCells - 1 - c, (kOrientations - k) % kOrientations))] =
-            view.gradients[static_cast<Eigen::Index>(place_of(r, c, k))];
+            gradient_index(r, kCells - 1 - c, (kOrientations - k) % kOrientations))] =
+            view.gradients[static_cast<Eigen::Index>(gradient_index(r, c, k))];
   result.offsets.swap(result.mirrored_offsets);
   return result;
 }

@@ -11,20 +11,20 @@
 namespace tarsier::face::head_view {
 namespace {
 
-TEST(HeadView, AHeadAtTheRimThatLooksIntoTheCameraIsSeenStraight) {
+TEST(HeadView, HeadAtBorderFacingTheCameraHasZeroYaw) {
   const geometry::Camera camera = testing_camera();
   geometry::Rigid3 pose{Eigen::Matrix3d::Identity(), {150, 0, 700}};
   const Eigen::Vector3d middle = pose * Eigen::Vector3d(0, 30, 40);
-  const double aside = std::atan2(middle[0], middle[2]) * 180 / CV_PI;
+  const double bearing_deg = std::atan2(middle[0], middle[2]) * 180 / CV_PI;
   // The head looks towards the camera. It is at image right, so it is rotated to image left.
-  pose.rotation = head::rotation_of_angles({aside, 0, 0});
+  pose.rotation = head::rotation_of_angles({bearing_deg, 0, 0});
   const auto view = view_of_painted(painted_head(pose, camera), camera, pose);
   ASSERT_TRUE(view);
   EXPECT_NEAR(view->angles.yaw_deg, 0, 1);
-  EXPECT_GT(aside, 10);
+  EXPECT_GT(bearing_deg, 10);
 }
 
-TEST(HeadView, RollAndDistanceAreTakenOut) {
+TEST(HeadView, GradientsAreInvariantToRollAndDistance) {
   const geometry::Camera camera = testing_camera();
   const auto seen = [&](double roll, double distance) {
     const geometry::Rigid3 pose{head::rotation_of_angles({15, -10, roll}), {0, -20, distance}};
@@ -32,24 +32,25 @@ TEST(HeadView, RollAndDistanceAreTakenOut) {
   };
   const Eigen::VectorXf upright = seen(0, 500);
   const geometry::Rigid3 other{head::rotation_of_angles({-25, 15, 0}), {0, -20, 500}};
-  const float unlike =
+  const float other_view_distance =
       (view_of_painted(painted_head(other, camera), camera, other)->gradients - upright).norm();
-  EXPECT_LT((seen(25, 500) - upright).norm(), 0.4F * unlike);
-  EXPECT_LT((seen(0, 650) - upright).norm(), 0.4F * unlike);
+  EXPECT_LT((seen(25, 500) - upright).norm(), 0.4F * other_view_distance);
+  EXPECT_LT((seen(0, 650) - upright).norm(), 0.4F * other_view_distance);
 }
 
-TEST(HeadView, TheMirrorsViewIsThatOfTheMirroredImage) {
+TEST(HeadView, MirroredViewMatchesMirroredImage) {
   const geometry::Camera camera = testing_camera();
   const geometry::Rigid3 pose{head::rotation_of_angles({20, 8, 12}), {30, -20, 550}};
   const cv::Mat image = painted_head(pose, camera);
-  // The landmarks slipped: they are those of a head with a smaller rotation.
-  const geometry::Rigid3 slipped{head::rotation_of_angles({14, 4, 12}), {30, -20, 550}};
-  const HeadView view = mirrored(*view_of_painted(image, camera, pose, &slipped));
+  // The landmarks are wrong: they are those of a head with a smaller rotation.
+  const geometry::Rigid3 wrong_pose{head::rotation_of_angles({14, 4, 12}), {30, -20, 550}};
+  const HeadView view = mirrored(*view_of_painted(image, camera, pose, &wrong_pose));
   cv::Mat flipped;
   cv::flip(image, flipped, 1);
   const geometry::Rigid3 mirror{head::rotation_of_angles({-20, 8, -12}), {-30, -20, 550}};
-  const geometry::Rigid3 mirror_slipped{head::rotation_of_angles({-14, 4, -12}), {-30, -20, 550}};
-  const HeadView truth = *view_of_painted(flipped, camera, mirror, &mirror_slipped);
+  const geometry::Rigid3 mirror_wrong_pose{head::rotation_of_angles({-14, 4, -12}),
+                                           {-30, -20, 550}};
+  const HeadView truth = *view_of_painted(flipped, camera, mirror, &mirror_wrong_pose);
   EXPECT_NEAR(view.angles.yaw_deg, truth.angles.yaw_deg, 1e-6);
   EXPECT_NEAR(view.angles.roll_deg, truth.angles.roll_deg, 1e-6);
   EXPECT_LT((view.camera_from_view - truth.camera_from_view).norm(), 1e-9);
@@ -75,7 +76,7 @@ TEST(HeadView, OffsetsAreInMillimetresOfTheUprightHead) {
   }
 }
 
-TEST(HeadView, AHeadThatDoesNotKnowLeftFromRightHasNoOffsets) {
+TEST(HeadView, HeadModelWithoutMirrorGivesNoOffsets) {
   const geometry::Camera camera = testing_camera();
   const geometry::Rigid3 pose{Eigen::Matrix3d::Identity(), {0, 0, 600}};
   head::HeadModel head = testing_points();
@@ -86,7 +87,7 @@ TEST(HeadView, AHeadThatDoesNotKnowLeftFromRightHasNoOffsets) {
   EXPECT_EQ(view->offsets.size(), 0);
 }
 
-TEST(HeadView, DirectionsGoThereAndBack) {
+TEST(HeadView, DirectionRoundTrip) {
   const geometry::Camera camera = testing_camera();
   const geometry::Rigid3 pose{head::rotation_of_angles({20, 8, 30}), {60, -20, 550}};
   const HeadView view = *view_of_painted(painted_head(pose, camera), camera, pose);
@@ -104,21 +105,21 @@ TEST(HeadView, DirectionsGoThereAndBack) {
   EXPECT_NEAR(direction_of(view, there).yaw_deg, 40, 1e-9);
 }
 
-TEST(HeadView, GradientsTellTheDirectionOfLines) {
+TEST(HeadView, GradientsEncodeTheDirectionOfLines) {
   cv::Mat crop(kSide, kSide, CV_8UC1);
   for (int y = 0; y < kSide; ++y)
     for (int x = 0; x < kSide; ++x) crop.at<std::uint8_t>(y, x) = x % 8 < 4 ? 60 : 160;
   const Eigen::VectorXf upright = gradients_of(crop);
-  const Eigen::Index middle = (3 * kCells + 3) * kOrientations;
-  EXPECT_GT(upright[middle], 0.15F);
-  EXPECT_NEAR(upright.segment(middle + 1, kOrientations - 1).sum(), 0, 1e-6);
+  const Eigen::Index cell_start = (3 * kCells + 3) * kOrientations;
+  EXPECT_GT(upright[cell_start], 0.15F);
+  EXPECT_NEAR(upright.segment(cell_start + 1, kOrientations - 1).sum(), 0, 1e-6);
   // A flat image has no gradients; a factor on the brightness changes little.
   EXPECT_EQ(gradients_of(cv::Mat(kSide, kSide, CV_8UC1, cv::Scalar(99))).norm(), 0);
   const cv::Mat darker = crop / 2;
   EXPECT_LT((gradients_of(darker) - upright).norm(), 0.02F * upright.norm());
 }
 
-TEST(HeadView, HeadsThatCannotBeSeenAndWrongImages) {
+TEST(HeadView, RejectsInvisibleHeadsAndInvalidImages) {
   const geometry::Camera camera = testing_camera();
   const cv::Mat gray(camera.height, camera.width, CV_8UC1, cv::Scalar(0));
   const head::HeadModel head = testing_points();

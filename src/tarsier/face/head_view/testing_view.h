@@ -31,9 +31,9 @@ inline geometry::Camera testing_camera() {
 inline cv::Mat painted_head(const geometry::Rigid3& camera_from_head,
                             const geometry::Camera& camera) {
   cv::Mat gray(camera.height, camera.width, CV_8UC1, cv::Scalar(70));
-  const Eigen::Vector3d middle(0, 30, 40);
+  const Eigen::Vector3d center(0, 30, 40);
   const double radius = 80;
-  const double px_per_mm = camera.fx / (camera_from_head * middle)[2];
+  const double px_per_mm = camera.fx / (camera_from_head * center)[2];
   const auto at = [&](const Eigen::Vector3d& point) {
     const cv::Point2d p = *camera.project(camera_from_head * point);
     return cv::Point(cvRound(p.x * 16), cvRound(p.y * 16));
@@ -42,16 +42,16 @@ inline cv::Mat painted_head(const geometry::Rigid3& camera_from_head,
     cv::circle(gray, at(point), cvRound(mm * px_per_mm * 16), cv::Scalar(brightness), cv::FILLED,
                cv::LINE_AA, 4);
   };
-  disc(middle, radius, 180);
-  const double places[][2] = {{0, -5}, {25, 20}, {-25, 20}, {20, -35}, {-20, -35},
-                              {0, 50}, {60, 10}, {-60, 10}, {50, -40}, {-50, -40}};
-  for (const auto& place : places) {
-    const double yaw = place[0] * CV_PI / 180;
-    const double pitch = place[1] * CV_PI / 180;
+  disc(center, radius, 180);
+  const double spots[][2] = {{0, -5}, {25, 20}, {-25, 20}, {20, -35}, {-20, -35},
+                             {0, 50}, {60, 10}, {-60, 10}, {50, -40}, {-50, -40}};
+  for (const auto& spot : spots) {
+    const double yaw = spot[0] * CV_PI / 180;
+    const double pitch = spot[1] * CV_PI / 180;
     const Eigen::Vector3d out(std::sin(yaw) * std::cos(pitch), -std::sin(pitch),
                               -std::cos(yaw) * std::cos(pitch));
     if ((camera_from_head.rotation * out)[2] > -0.2) continue;  // on the far side
-    disc(middle + radius * out, 9, 40);
+    disc(center + radius * out, 9, 40);
   }
   return gray;
 }

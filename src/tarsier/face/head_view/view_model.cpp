@@ -48,25 +48,27 @@ VectorXf ViewModel::point_of(const HeadView& view) const {
 namespace {
 
 // The covariance of a rotation after the correction of its direction, in the camera's frame, rad^2.
-Eigen::Matrix3d corrected_covariance(const ViewAnswer& answer, const HeadView& view,
+Eigen::Matrix3d corrected_covariance(const CorrectedDirection& corrected, const HeadView& view,
                                      const Eigen::Matrix3d& rough) {
   const Eigen::Matrix3d& r = view.camera_from_view;
-  Eigen::Matrix3d slope = Eigen::Matrix3d::Identity();  // of (yaw, pitch, roll)
-  slope(0, 0) = answer.slope(1, 1);
-  slope(0, 1) = answer.slope(1, 0);
-  slope(1, 0) = answer.slope(0, 1);
-  slope(1, 1) = answer.slope(0, 0);
-  const Eigen::Matrix3d angles =
-      slope * head::angle_covariance(view.angles, r.transpose() * rough * r) * slope.transpose();
+  Eigen::Matrix3d jacobian = Eigen::Matrix3d::Identity();  // of (yaw, pitch, roll)
+  jacobian(0, 0) = corrected.jacobian(1, 1);
+  jacobian(0, 1) = corrected.jacobian(1, 0);
+  jacobian(1, 0) = corrected.jacobian(0, 1);
+  jacobian(1, 1) = corrected.jacobian(0, 0);
+  const Eigen::Matrix3d angles = jacobian *
+                                 head::angle_covariance(view.angles, r.transpose() * rough * r) *
+                                 jacobian.transpose();
   return r *
-         head::turn_covariance(
-             {answer.direction.yaw_deg, answer.direction.pitch_deg, view.angles.roll_deg}, angles) *
+         head::rotation_covariance(
+             {corrected.direction.yaw_deg, corrected.direction.pitch_deg, view.angles.roll_deg},
+             angles) *
          r.transpose();
 }
 
 }  // namespace
 
-ViewAnswer looks_to(const ViewModel& model, const HeadView& view) {
+CorrectedDirection correct_direction(const ViewModel& model, const HeadView& view) {
   const VectorXf point = model.point_of(view);
   const VectorXf squares = (model.centres.colwise() - point).colwise().squaredNorm();
   const VectorXf kernel = (squares.array() * static_cast<float>(-model.gamma)).exp();
@@ -74,9 +76,9 @@ ViewAnswer looks_to(const ViewModel& model, const HeadView& view) {
   const auto limited = [&](float degrees) {
     return std::clamp(static_cast<double>(degrees), -model.max_deg, model.max_deg);
   };
-  ViewAnswer answer;
-  answer.direction = {view.angles.pitch_deg + limited(change[0]),
-                      std::clamp(view.angles.yaw_deg + limited(change[1]), -89.0, 89.0)};
+  CorrectedDirection corrected;
+  corrected.direction = {view.angles.pitch_deg + limited(change[0]),
+                         std::clamp(view.angles.yaw_deg + limited(change[1]), -89.0, 89.0)};
   // d kernel_i / d f = 2 gamma kernel_i (f_i - f); f ends with (pitch, yaw, roll) / angle_scale.
   for (int by = 0; by < 2; ++by) {
     const Index row = point.size() - 3 + by;
@@ -86,39 +88,41 @@ ViewAnswer looks_to(const ViewModel& model, const HeadView& view) {
     const Eigen::Vector2f of_change = model.weights * by_angle;
     for (int axis = 0; axis < 2; ++axis)
       if (std::abs(change[axis]) < model.max_deg)
-        answer.slope(axis, by) += static_cast<double>(of_change[axis]);
+        corrected.jacobian(axis, by) += static_cast<double>(of_change[axis]);
   }
-  return answer;
+  return corrected;
 }
 
 std::optional<head::HeadPose> refined_pose(
-    const ViewAnswer& answer, const HeadView& view, const head::HeadPoser& poser,
-    const Eigen::Matrix2Xd& points, const geometry::Camera& camera, const head::HeadPose& pose,
-    const head::HeadIdentity* identity, const Eigen::VectorXd& sigma_px) {
+    const CorrectedDirection& corrected, const HeadView& view,
+    const head::HeadPoseEstimator& estimator, const Eigen::Matrix2Xd& points,
+    const geometry::Camera& camera, const head::HeadPose& pose, const head::HeadIdentity* identity,
+    const Eigen::VectorXd& sigma_px) {
   std::optional<head::HeadPose> refined =
-      poser
-          .pose_towards(points, camera, rotation_towards(view, answer.direction), identity,
+      estimator
+          .pose_towards(points, camera, rotation_towards(view, corrected.direction), identity,
                         sigma_px)
           .pose;
   if (refined) {
-    refined->turn_covariance = corrected_covariance(answer, view, pose.turn_covariance);
+    refined->rotation_covariance = corrected_covariance(corrected, view, pose.rotation_covariance);
     head::calibrate_sigmas(*refined, kViewSigma);
   }
   return refined;
 }
 
-std::optional<head::HeadPose> refined_pose(const ViewModel& model, const head::HeadPoser& poser,
+std::optional<head::HeadPose> refined_pose(const ViewModel& model,
+                                           const head::HeadPoseEstimator& estimator,
                                            const Eigen::Matrix2Xd& points, const cv::Mat& gray,
                                            const geometry::Camera& camera,
                                            const head::HeadPose& pose,
                                            const head::HeadIdentity* identity,
                                            const Eigen::VectorXd& sigma_px) {
   const std::optional<HeadView> view =
-      view_of_head(gray, camera, pose.camera_from_head, poser.model(), points);
+      view_of_head(gray, camera, pose.camera_from_head, estimator.model(), points);
   // A head seen from behind shows no face.
   if (!view || std::abs(view->angles.yaw_deg) > 89) return std::nullopt;
-  return refined_pose(looks_to(model, *view), *view, poser, points, camera, pose, identity,
-                      sigma_px);
+  return refined_pose(correct_direction(model, *view), *view, estimator, points, camera, pose,
+                      identity, sigma_px);
 }
 
 }  // namespace tarsier::face::head_view

@@ -40,13 +40,13 @@ struct ViewModel {
 };
 
 // The corrected direction of a view's head.
-struct ViewAnswer {
+struct CorrectedDirection {
   Direction direction;
   // d(pitch, yaw) of the direction by the view's approximate (pitch, yaw), with constant gradients
   // and offsets: the propagation of errors of the points.
-  Eigen::Matrix2d slope = Eigen::Matrix2d::Identity();
+  Eigen::Matrix2d jacobian = Eigen::Matrix2d::Identity();
 };
-[[nodiscard]] ViewAnswer looks_to(const ViewModel& model, const HeadView& view);
+[[nodiscard]] CorrectedDirection correct_direction(const ViewModel& model, const HeadView& view);
 
 // Errors of the angles after a correction by head-view.json. With these factors, 71 to 73 % of the
 // errors on 1307 held-out synthetic heads and annotated faces are within one sigma, 93 to 97 %
@@ -56,20 +56,22 @@ struct ViewAnswer {
 inline constexpr head::AngleCalibration kViewSigma{{1.7, 6.6}, {1.7, 9.7}, {2.4, 0}};
 
 // The pose with the corrected direction. The rotation about it, the translation and the shape are
-// those that explain the points best (see head::HeadPoser::pose_towards). `pose` and `identity`
-// (may be null, is not changed) are those of the poser for these points. Empty if the head is not
+// those that explain the points best (see head::HeadPoseEstimator::pose_towards). `pose` and `identity`
+// (may be null, is not changed) are those of the estimator for these points. Empty if the head is not
 // visible or the points do not fit.
 [[nodiscard]] std::optional<head::HeadPose> refined_pose(
-    const ViewModel& model, const head::HeadPoser& poser, const Eigen::Matrix2Xd& points,
-    const cv::Mat& gray, const geometry::Camera& camera, const head::HeadPose& pose,
-    const head::HeadIdentity* identity, const Eigen::VectorXd& sigma_px = {});
+    const ViewModel& model, const head::HeadPoseEstimator& estimator,
+    const Eigen::Matrix2Xd& points, const cv::Mat& gray, const geometry::Camera& camera,
+    const head::HeadPose& pose, const head::HeadIdentity* identity,
+    const Eigen::VectorXd& sigma_px = {});
 
-// The same with a known answer. The covariance of the rotation is that of `pose` from its poser, in
-// the view's yaw, pitch and roll, propagated by the slope and calibrated by kViewSigma.
+// The same with a known correction. The covariance of the rotation is that of `pose` from its estimator, in
+// the view's yaw, pitch and roll, propagated by the jacobian and calibrated by kViewSigma.
 [[nodiscard]] std::optional<head::HeadPose> refined_pose(
-    const ViewAnswer& answer, const HeadView& view, const head::HeadPoser& poser,
-    const Eigen::Matrix2Xd& points, const geometry::Camera& camera, const head::HeadPose& pose,
-    const head::HeadIdentity* identity, const Eigen::VectorXd& sigma_px = {});
+    const CorrectedDirection& corrected, const HeadView& view,
+    const head::HeadPoseEstimator& estimator, const Eigen::Matrix2Xd& points,
+    const geometry::Camera& camera, const head::HeadPose& pose, const head::HeadIdentity* identity,
+    const Eigen::VectorXd& sigma_px = {});
 
 // Files of type "head-view", version 3. Reading throws ModelError(path).
 void write_view_model(const std::string& path, const ViewModel& model,

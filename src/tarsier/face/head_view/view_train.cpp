@@ -26,7 +26,7 @@ std::vector<ViewSample> with_mirrored(const std::vector<ViewSample>& samples) {
     all.push_back({mirrored(sample.view),
                    {sample.truth.pitch_deg, -sample.truth.yaw_deg},
                    sample.group,
-                   sample.asked});
+                   sample.nominal});
   }
   return all;
 }
@@ -35,15 +35,15 @@ Eigen::MatrixXf rounded(Eigen::MatrixXf matrix) {
   return matrix.unaryExpr([](float value) { return rounded_to_half(value); });
 }
 
-// The unit vectors of greatest variance of the columns, whose mean is 0; `wanted` of them, or fewer
+// The unit vectors of greatest variance of the columns, whose mean is 0; `max_count` of them, or fewer
 // if the others have none.
-MatrixXd principal_directions(const MatrixXd& columns, Index wanted) {
+MatrixXd principal_directions(const MatrixXd& columns, Index max_count) {
   const bool few = columns.cols() < columns.rows();
   const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(
       few ? MatrixXd(columns.transpose() * columns) : MatrixXd(columns * columns.transpose()));
   const Index n = eigen.values.size();
   Index count = 0;
-  while (count < std::min(wanted, n) && eigen.values[n - 1 - count] > 1e-9 * eigen.values[n - 1])
+  while (count < std::min(max_count, n) && eigen.values[n - 1 - count] > 1e-9 * eigen.values[n - 1])
     ++count;
   const MatrixXd vectors = eigen.vectors.rightCols(count).rowwise().reverse();
   return few ? MatrixXd((columns * vectors).colwise().normalized()) : vectors;
@@ -103,7 +103,7 @@ MatrixXd kernel_of(const ViewModel& model, const std::vector<ViewSample>& sample
                                       (model.centres.col(i) - model.centres.col(j)).squaredNorm()));
   for (Index i = 0; i < n; ++i)
     kernel(i, i) +=
-        samples[static_cast<std::size_t>(i)].asked ? options.ridge : options.exact_ridge;
+        samples[static_cast<std::size_t>(i)].nominal ? options.ridge : options.exact_ridge;
   return kernel;
 }
 
@@ -111,9 +111,9 @@ MatrixXd kernel_of(const ViewModel& model, const std::vector<ViewSample>& sample
 void add_group_errors(const std::vector<ViewSample>& samples, std::size_t mirrored_from,
                       bool sign_changes, double variance, MatrixXd& kernel) {
   for (std::size_t i = 0; i < samples.size(); ++i) {
-    if (!samples[i].asked) continue;
+    if (!samples[i].nominal) continue;
     for (std::size_t j = 0; j < samples.size(); ++j) {
-      if (!samples[j].asked || samples[i].group != samples[j].group) continue;
+      if (!samples[j].nominal || samples[i].group != samples[j].group) continue;
       const bool differ = (i < mirrored_from) != (j < mirrored_from);
       kernel(static_cast<Index>(i), static_cast<Index>(j)) +=
           sign_changes && differ ? -variance : variance;
@@ -158,9 +158,9 @@ ViewModel train_view_model(const std::vector<ViewSample>& samples,
   return model;
 }
 
-std::vector<ViewAnswer> leave_groups_out(const std::vector<ViewSample>& samples,
-                                         const TrainViewOptions& options) {
-  std::vector<ViewAnswer> result(samples.size());
+std::vector<CorrectedDirection> leave_groups_out(const std::vector<ViewSample>& samples,
+                                                 const TrainViewOptions& options) {
+  std::vector<CorrectedDirection> result(samples.size());
   std::set<int> groups;
   for (const ViewSample& sample : samples) groups.insert(sample.group);
   TARSIER_REQUIRE(groups.size() >= 2, "one group only: nothing is left to learn from");
@@ -170,7 +170,7 @@ std::vector<ViewAnswer> leave_groups_out(const std::vector<ViewSample>& samples,
       if (sample.group != group) others.push_back(sample);
     const ViewModel model = train_view_model(others, options);
     for (std::size_t i = 0; i < samples.size(); ++i)
-      if (samples[i].group == group) result[i] = looks_to(model, samples[i].view);
+      if (samples[i].group == group) result[i] = correct_direction(model, samples[i].view);
   }
   return result;
 }

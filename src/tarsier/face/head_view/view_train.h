@@ -15,7 +15,7 @@ struct ViewSample {
   int group = 0;  // a person, or another part of the data that is held out together
   // The ground truth is where a person was asked to look. It has more noise than an exact one, and
   // the views of a group share an unknown error.
-  bool asked = false;
+  bool nominal = false;
 };
 
 struct TrainViewOptions {
@@ -26,11 +26,11 @@ struct TrainViewOptions {
   // Of the kernel. f has a mean squared distance of 1 + offset_weight^2 + angle_weight^2 between
   // two views.
   double gamma = 2.5;
-  // Noise variance of asked ground truths, relative to the kernel's variance of 1; larger values
+  // Noise variance of nominal ground truths, relative to the kernel's variance of 1; larger values
   // give a smoother result.
   double ridge = 0.5;
   double exact_ridge = 0.1;  // of exact ground truths
-  // Variance of the error that the asked ground truths of a group share, relative to the kernel's
+  // Variance of the error that the nominal ground truths of a group share, relative to the kernel's
   // variance of 1. 0 disables it.
   double group_error = 0.1;
   bool mirror = true;  // train on mirrored views too
@@ -56,7 +56,7 @@ struct TrainViewOptions {
 };
 
 // PCA of gradients and offsets, then (K + N + group_error S) weights = corrections. N is diagonal:
-// ridge for asked views, exact_ridge for others. S_ij is 1 for two asked views of one group,
+// ridge for nominal views, exact_ridge for others. S_ij is 1 for two nominal views of one group,
 // otherwise 0; for yaw it is -1 if one of the two is mirrored. This is a Gaussian process with
 // known noise variances and a constant random effect for each group and axis (Rasmussen and
 // Williams, Gaussian Processes for Machine Learning, 2006, sections 2.2 and 2.7): an error that is
@@ -67,7 +67,7 @@ struct TrainViewOptions {
                                          const TrainViewOptions& options);
 
 // The direction of each view's head by a model that was trained without its group.
-[[nodiscard]] std::vector<ViewAnswer> leave_groups_out(const std::vector<ViewSample>& samples,
-                                                       const TrainViewOptions& options);
+[[nodiscard]] std::vector<CorrectedDirection> leave_groups_out(
+    const std::vector<ViewSample>& samples, const TrainViewOptions& options);
 
 }  // namespace tarsier::face::head_view

@@ -17,7 +17,7 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr int kMinForChoice = 3;  // images
+constexpr int kMinFacesForChoice = 3;  // images
 constexpr int kMaxFolds = 5;
 constexpr int kMaxStarts = 1500;  // for all images together: the size of the dual problem
 constexpr int kTestStarts = 5;
@@ -43,10 +43,10 @@ double error_of(const LandmarkModel& model, const std::vector<TrainingFace>& fac
   cv::parallel_for_(cv::Range(0, static_cast<int>(starts.size())), [&](const cv::Range& range) {
     FitWorkspace workspace;
     for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
-      const auto place = static_cast<std::size_t>(i);
-      const TrainingFace& face = faces[static_cast<std::size_t>(starts[place].face)];
-      const Fit fit = fit_points(model, options, face.gray, starts[place].points, workspace);
-      errors[place] = (fit.points - face.points).colwise().norm().mean() / shape_size(face.points);
+      const auto index = static_cast<std::size_t>(i);
+      const TrainingFace& face = faces[static_cast<std::size_t>(starts[index].face)];
+      const Fit fit = fit_points(model, options, face.gray, starts[index].points, workspace);
+      errors[index] = (fit.points - face.points).colwise().norm().mean() / shape_size(face.points);
     }
   });
   throw_if_stopped(stop);
@@ -54,10 +54,11 @@ double error_of(const LandmarkModel& model, const std::vector<TrainingFace>& fac
 }
 
 // Errors on held-out images: of the base, then of each choice.
-std::vector<double> errors_left_out(const LandmarkModel& base,
-                                    const std::vector<TrainingFace>& faces,
-                                    const AdaptOptions& options, const std::vector<double>& choices,
-                                    Progress& progress, const std::stop_token& stop) {
+std::vector<double> cross_validation_errors(const LandmarkModel& base,
+                                            const std::vector<TrainingFace>& faces,
+                                            const AdaptOptions& options,
+                                            const std::vector<double>& choices, Progress& progress,
+                                            const std::stop_token& stop) {
   const int folds = std::min(kMaxFolds, static_cast<int>(faces.size()));
   std::vector<double> errors(choices.size() + 1, 0);
   progress.begin("leaving out",
@@ -67,19 +68,19 @@ std::vector<double> errors_left_out(const LandmarkModel& base,
   model.quality.reset();
   model.visibility.reset();
   for (int fold = 0; fold < folds; ++fold) {
-    std::vector<TrainingFace> kept;
-    std::vector<TrainingFace> out;
+    std::vector<TrainingFace> training;
+    std::vector<TrainingFace> held_out;
     for (std::size_t f = 0; f < faces.size(); ++f) {
-      (static_cast<int>(f) % folds == fold ? out : kept).push_back(faces[f]);
+      (static_cast<int>(f) % folds == fold ? held_out : training).push_back(faces[f]);
     }
-    const double share = static_cast<double>(out.size()) / static_cast<double>(faces.size());
+    const double share = static_cast<double>(held_out.size()) / static_cast<double>(faces.size());
     model.trees = base.trees;
     model.descent = base.descent;
     model.network = base.network;
-    errors[0] += share * error_of(model, out, options.seed, stop);
+    errors[0] += share * error_of(model, held_out, options.seed, stop);
     for (std::size_t c = 0; c < choices.size(); ++c) {
-      adapt_parts(model, base, kept, options, choices[c], stop);
-      errors[c + 1] += share * error_of(model, out, options.seed, stop);
+      adapt_parts(model, base, training, options, choices[c], stop);
+      errors[c + 1] += share * error_of(model, held_out, options.seed, stop);
       progress.advance();
     }
   }
@@ -109,19 +110,19 @@ AdaptedModel adapt_landmark_model(const LandmarkModel& base, const shape::Landma
       load_training_faces(set, set_path, {}, progress, stop, result.skipped);
   result.model = base;
   result.faces = static_cast<int>(faces.size());
-  result.ridge = options.ridge.value_or(options.usual);
-  if (result.faces >= kMinForChoice) {
-    result.chosen = !options.ridge;
+  result.ridge = options.ridge.value_or(options.default_ridge);
+  if (result.faces >= kMinFacesForChoice) {
+    result.ridge_chosen = !options.ridge;
     const std::vector<double> choices =
         options.ridge ? std::vector<double>{*options.ridge} : options.choices;
     const std::vector<double> errors =
-        errors_left_out(base, faces, options, choices, progress, stop);
+        cross_validation_errors(base, faces, options, choices, progress, stop);
     const auto best = std::min_element(errors.begin() + 1, errors.end());
-    result.before = errors[0];
-    result.after = *best;
+    result.base_error = errors[0];
+    result.adapted_error = *best;
     result.ridge = choices[static_cast<std::size_t>(best - errors.begin() - 1)];
-    if (result.chosen && result.after >= result.before) {
-      result.kept = true;
+    if (result.ridge_chosen && result.adapted_error >= result.base_error) {
+      result.base_kept = true;
       return result;
     }
   }

@@ -24,16 +24,16 @@ namespace tarsier::face::landmarks {
 struct AdaptOptions {
   // lambda in units of (starts per image) x (mean squared norm of a row of Phi): 1 gives the prior
   // the weight of one image. Empty: the best of `choices` on held-out images if there are at least
-  // 3 images, otherwise `usual`.
+  // 3 images, otherwise `default_ridge`.
   std::optional<double> ridge;
-  double usual = 0.3;
+  double default_ridge = 0.3;
   std::vector<double> choices = {0.03, 0.1, 0.3, 1, 3, 10};
   int starts = 24;  // per image; fewer if there are many images
   std::uint64_t seed = 1;
 
   [[nodiscard]] OptionFields fields() {
     return {{"ridge", ridge, above(0, 1e6)},
-            {"usual", usual, above(0, 1e6)},
+            {"usual", default_ridge, above(0, 1e6)},
             {"choices", choices, above(0, 1e6)},
             {"starts", starts, range(4, 200), "--starts",
              "number of random initial shapes for each face"}};
@@ -60,12 +60,12 @@ struct AdaptedModel {
   LandmarkModel model;
   int faces = 0;
   double ridge = 0;
-  bool chosen = false;  // by held-out images
-  bool kept = false;    // the base is as good on held-out images: nothing was changed
+  bool ridge_chosen = false;  // by held-out images
+  bool base_kept = false;     // the base is as good on held-out images: nothing was changed
   // Mean distance of a point from its true position on held-out images, in sizes of the shape: of
   // the base, and of models adapted without the image. 0 if unknown (< 3 images).
-  double before = 0;
-  double after = 0;
+  double base_error = 0;
+  double adapted_error = 0;
   std::vector<std::string> skipped;  // "path: reason"
 };
 

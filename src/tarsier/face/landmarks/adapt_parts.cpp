@@ -42,11 +42,11 @@ void check(const std::vector<TrainingFace>& faces, const std::vector<Start>& sta
 }
 
 // Steps in the frame of the mean as one row: x0 y0 x1 ..
-void put_step(const shape::Similarity2d& upright, const Eigen::Matrix2Xd& off,
-              Eigen::Ref<Eigen::RowVectorXd> row) {
-  for (Eigen::Index p = 0; p < off.cols(); ++p) {
-    row[2 * p] = upright.a * off(0, p) - upright.b * off(1, p);
-    row[2 * p + 1] = upright.b * off(0, p) + upright.a * off(1, p);
+void set_step_row(const shape::Similarity2d& upright, const Eigen::Matrix2Xd& difference,
+                  Eigen::Ref<Eigen::RowVectorXd> row) {
+  for (Eigen::Index p = 0; p < difference.cols(); ++p) {
+    row[2 * p] = upright.a * difference(0, p) - upright.b * difference(1, p);
+    row[2 * p + 1] = upright.b * difference(0, p) + upright.a * difference(1, p);
   }
 }
 
@@ -104,7 +104,7 @@ Problem problem_of(const Descent::Stage& stage, const Eigen::Matrix2Xd& mean,
       problem.features.row(i).head(width) = features.cast<double>().transpose();
       problem.base_steps.row(i) =
           (stage.weights * features + stage.bias).cast<double>().transpose();
-      put_step(shape::fit_similarity(sample.points, mean), sample.truth - sample.points, step);
+      set_step_row(shape::fit_similarity(sample.points, mean), sample.truth - sample.points, step);
       problem.errors.row(i) = step - problem.base_steps.row(i);
     }
   });
@@ -199,8 +199,8 @@ RegressionNetwork adapt_network(const RegressionNetwork& base,
           Eigen::Map<const Eigen::RowVectorXf>(seen.data(), width).cast<double>();
       const shape::Similarity2d mean_from_px =
           shape::fit_similarity(base.mean, start.points).inverse();
-      const Eigen::Matrix2Xd off = mean_from_px(face.points) - mean_from_px(fit);
-      errors.row(i) << off.row(0), off.row(1);
+      const Eigen::Matrix2Xd difference = mean_from_px(face.points) - mean_from_px(fit);
+      errors.row(i) << difference.row(0), difference.row(1);
     }
   });
   throw_if_stopped(stop);
@@ -223,21 +223,21 @@ RegressionNetwork adapt_network(const RegressionNetwork& base,
 namespace {
 
 // Leaves of the last level that each start reaches, and the remaining residuals to its true points.
-struct Walks {
+struct ReachedLeaves {
   std::vector<std::vector<int>> leaves;
   Eigen::MatrixXd errors;
 };
 
-Walks walks_of(const Trees& base, const std::vector<TrainingFace>& faces,
-               const std::vector<Start>& starts, const std::stop_token& stop) {
+ReachedLeaves reached_leaves(const Trees& base, const std::vector<TrainingFace>& faces,
+                             const std::vector<Start>& starts, const std::stop_token& stop) {
   const Trees::Level& last = base.levels.back();
   const int nodes = (1 << base.depth) - 1;
   const int trees = static_cast<int>(last.first.size()) / nodes;
   Trees before = base;
   before.levels.pop_back();
-  Walks walks;
-  walks.leaves.resize(starts.size());
-  walks.errors.resize(static_cast<Eigen::Index>(starts.size()), 2 * base.mean.cols());
+  ReachedLeaves reached;
+  reached.leaves.resize(starts.size());
+  reached.errors.resize(static_cast<Eigen::Index>(starts.size()), 2 * base.mean.cols());
   cv::parallel_for_(cv::Range(0, static_cast<int>(starts.size())), [&](const cv::Range& range) {
     std::vector<std::uint8_t> values(last.anchor.size());
     Eigen::RowVectorXd step(2 * base.mean.cols());
@@ -251,17 +251,17 @@ Walks walks_of(const Trees& base, const std::vector<TrainingFace>& faces,
           last, base.smoothing, face.gray,
           px_from_mean * shape::fit_similarity(base.mean, px_from_mean.inverse()(current)), current,
           values.data());
-      std::vector<int>& leaves = walks.leaves[static_cast<std::size_t>(i)];
+      std::vector<int>& leaves = reached.leaves[static_cast<std::size_t>(i)];
       for (int tree = 0; tree < trees; ++tree) {
         leaves.push_back(inner::leaf_of(last, tree, base.depth, values.data()));
       }
       const Eigen::Matrix2Xd fitted = fit_trees(base, face.gray, start.points);
-      put_step(px_from_mean.inverse(), face.points - fitted, step);
-      walks.errors.row(i) = step;
+      set_step_row(px_from_mean.inverse(), face.points - fitted, step);
+      reached.errors.row(i) = step;
     }
   });
   throw_if_stopped(stop);
-  return walks;
+  return reached;
 }
 
 }  // namespace
@@ -270,22 +270,23 @@ Trees adapt_trees(const Trees& base, const std::vector<TrainingFace>& faces,
                   const std::vector<Start>& starts, double ridge, const std::stop_token& stop) {
   base.check();
   check(faces, starts, base.mean.cols(), ridge);
-  const Walks walks = walks_of(base, faces, starts, stop);
+  const ReachedLeaves reached = reached_leaves(base, faces, starts, stop);
   const auto count = static_cast<Eigen::Index>(starts.size());
-  const std::size_t trees = walks.leaves.front().size();
+  const std::size_t trees = reached.leaves.front().size();
   // A start's row has ones at the leaves it reaches, so products of rows count common leaves. A
   // constant of the same weight is added, which is finally distributed over all leaves.
   Eigen::MatrixXd kernel(count, count);
   for (Eigen::Index i = 0; i < count; ++i) {
     for (Eigen::Index k = 0; k <= i; ++k) {
-      const std::vector<int>& a = walks.leaves[static_cast<std::size_t>(i)];
-      const std::vector<int>& b = walks.leaves[static_cast<std::size_t>(k)];
+      const std::vector<int>& a = reached.leaves[static_cast<std::size_t>(i)];
+      const std::vector<int>& b = reached.leaves[static_cast<std::size_t>(k)];
       double common = 0;
       for (std::size_t t = 0; t < trees; ++t) common += a[t] == b[t] ? 1 : 0;
       kernel(i, k) = kernel(k, i) = common + static_cast<double>(trees);
     }
   }
-  const Eigen::MatrixXd solved = dual(kernel, walks.errors, lambda_of(ridge, kernel, faces.size()));
+  const Eigen::MatrixXd solved =
+      dual(kernel, reached.errors, lambda_of(ridge, kernel, faces.size()));
   Trees model = base;
   Trees::Level& last = model.levels.back();
   const Eigen::Index leaf_count = Eigen::Index{1} << base.depth;
@@ -295,7 +296,7 @@ Trees adapt_trees(const Trees& base, const std::vector<TrainingFace>& faces,
     const Eigen::VectorXf change =
         solved.row(static_cast<Eigen::Index>(i)).transpose().cast<float>();
     for (std::size_t t = 0; t < trees; ++t)
-      moves.col(static_cast<Eigen::Index>(t) * leaf_count + walks.leaves[i][t]) += change;
+      moves.col(static_cast<Eigen::Index>(t) * leaf_count + reached.leaves[i][t]) += change;
   }
   last.set_leaves(moves, static_cast<int>(moves.rows()));
   return model;

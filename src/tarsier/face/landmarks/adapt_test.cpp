@@ -87,7 +87,7 @@ class AdaptTest : public ::testing::Test {
 };
 LandmarkModel AdaptTest::base_;
 
-TEST_F(AdaptTest, EachPartLearnsThePersonFromOneImage) {
+TEST_F(AdaptTest, OneImageReducesTheErrorOfEachPart) {
   const std::vector<TrainingFace> others = person_faces(8, 50);
   LandmarkModel adapted = base_;
   const std::vector<TrainingFace> one = person_faces(1, 7);
@@ -120,22 +120,22 @@ TEST_F(AdaptTest, AStrongPriorKeepsTheBase) {
   }
 }
 
-TEST_F(AdaptTest, ChoosesTheRidgeOnImagesLeftOutAndTellsTheGain) {
+TEST_F(AdaptTest, ChoosesRidgeByCrossValidation) {
   AdaptOptions options;
   options.choices = {0.1, 10};
   options.starts = 8;
   const AdaptedModel adapted = adapt_landmark_model(base_, person_set(4), "", options, silent_, {});
-  EXPECT_TRUE(adapted.chosen);
-  EXPECT_FALSE(adapted.kept);
+  EXPECT_TRUE(adapted.ridge_chosen);
+  EXPECT_FALSE(adapted.base_kept);
   EXPECT_EQ(adapted.faces, 4);
-  EXPECT_GT(adapted.before, 0.03);
-  EXPECT_LT(adapted.after, 0.75 * adapted.before);
+  EXPECT_GT(adapted.base_error, 0.03);
+  EXPECT_LT(adapted.adapted_error, 0.75 * adapted.base_error);
   const std::vector<TrainingFace> others = person_faces(8, 50);
   EXPECT_LT(error_of(adapted.model, FitMethod::kMean, others),
             0.75 * error_of(base_, FitMethod::kMean, others));
 }
 
-TEST_F(AdaptTest, ImagesThatTeachNothingChangeNothing) {
+TEST_F(AdaptTest, KeepsTheBaseWithoutImprovement) {
   // Each image has its own annotation offset. So no ridge improves the held out images.
   shape::LandmarkSet set = person_set(3);
   Rng rng(5);
@@ -148,7 +148,7 @@ TEST_F(AdaptTest, ImagesThatTeachNothingChangeNothing) {
   options.choices = {0.03};
   options.starts = 8;
   const AdaptedModel adapted = adapt_landmark_model(base_, set, "", options, silent_, {});
-  EXPECT_TRUE(adapted.kept);
+  EXPECT_TRUE(adapted.base_kept);
   EXPECT_EQ(adapted.model.descent->stages[0].weights, base_.descent->stages[0].weights);
 }
 
@@ -165,7 +165,7 @@ TEST_F(AdaptTest, SameForAnyNumberOfThreads) {
   EXPECT_EQ(one.stages.back().bias, four.stages.back().bias);
 }
 
-TEST_F(AdaptTest, OtherMarkupsAndStopsAreRefused) {
+TEST_F(AdaptTest, RejectsOtherMarkupsAndCanBeInterrupted) {
   shape::LandmarkSet set = person_set(1);
   set.samples[0].points = Eigen::Matrix2Xd(set.samples[0].points.leftCols(5));
   EXPECT_THROW((void)adapt_landmark_model(base_, set, "", {}, silent_, {}), InputError);

@@ -44,13 +44,13 @@ Reduced reduce_around(const cv::Mat& gray, const Eigen::Matrix2Xd& points, doubl
   }
   // Large enough for the largest cells around an inaccurate start.
   const double margin = 2.2 * size;
-  const Eigen::Vector2d least = points.rowwise().minCoeff().array() - margin;
-  const Eigen::Vector2d most = points.rowwise().maxCoeff().array() + margin;
+  const Eigen::Vector2d low = points.rowwise().minCoeff().array() - margin;
+  const Eigen::Vector2d high = points.rowwise().maxCoeff().array() + margin;
   const cv::Rect area =
-      cv::Rect(cv::Point(static_cast<int>(std::max(0.0, std::floor(least.x()))),
-                         static_cast<int>(std::max(0.0, std::floor(least.y())))),
-               cv::Point(static_cast<int>(std::clamp(std::ceil(most.x()), 0.0, 1e6)),
-                         static_cast<int>(std::clamp(std::ceil(most.y()), 0.0, 1e6)))) &
+      cv::Rect(cv::Point(static_cast<int>(std::max(0.0, std::floor(low.x()))),
+                         static_cast<int>(std::max(0.0, std::floor(low.y())))),
+               cv::Point(static_cast<int>(std::clamp(std::ceil(high.x()), 0.0, 1e6)),
+                         static_cast<int>(std::clamp(std::ceil(high.y()), 0.0, 1e6)))) &
       cv::Rect(0, 0, gray.cols, gray.rows);
   if (area.width < 2 || area.height < 2) {
     reduced.gray = gray;

@@ -48,7 +48,7 @@ class DescentTest : public ::testing::Test {
 std::vector<TrainingFace>* DescentTest::faces_ = nullptr;
 Descent* DescentTest::model_ = nullptr;
 
-TEST_F(DescentTest, FindsThePointsOfObjectsItNeverSaw) {
+TEST_F(DescentTest, FitsUnseenFaces) {
   const std::vector<TrainingFace> unseen = testing::blob_faces(20, 99);
   DescentWorkspace workspace;
   double before = 0;
@@ -61,7 +61,7 @@ TEST_F(DescentTest, FindsThePointsOfObjectsItNeverSaw) {
   EXPECT_LT(after, 0.25 * before);
 }
 
-TEST_F(DescentTest, ALargerImageGivesTheSamePlaces) {
+TEST_F(DescentTest, FitDoesNotDependOnTheImageScale) {
   const TrainingFace& face = (*faces_)[0];
   cv::Mat large;
   cv::resize(face.gray, large, {}, 4, 4, cv::INTER_CUBIC);
@@ -88,7 +88,7 @@ TEST_F(DescentTest, IsTheSameForAnyNumberOfThreads) {
   }
 }
 
-TEST_F(DescentTest, SurvivesItsFile) {
+TEST_F(DescentTest, JsonRoundTrip) {
   const Descent read = descent_from_json(to_json(*model_), "m.json");
   const TrainingFace& face = (*faces_)[1];
   DescentWorkspace workspace;
@@ -124,15 +124,15 @@ TEST_F(DescentTest, AFitAtTheEdgeOfTheImageStaysFinite) {
   EXPECT_TRUE(fit_descent(*model_, face.gray, start, workspace).allFinite());
 }
 
-TEST_F(DescentTest, QualityTellsRightFromWrong) {
+TEST_F(DescentTest, QualitySeparatesGoodFromBadFits) {
   std::vector<RatedFit> fits;
   Rng rng(4);
   for (int f = 0; f < static_cast<int>(faces_->size()); ++f) {
     const Eigen::Matrix2Xd& truth = (*faces_)[static_cast<std::size_t>(f)].points;
     fits.push_back({f, truth});
     for (int k = 0; k < 3; ++k) {
-      const Eigen::Vector2d off(rng.normal(0, 25), rng.normal(0, 25));
-      fits.push_back({f, truth.colwise() + off});
+      const Eigen::Vector2d displacement(rng.normal(0, 25), rng.normal(0, 25));
+      fits.push_back({f, truth.colwise() + displacement});
     }
   }
   NoProgress silent;
@@ -149,7 +149,7 @@ TEST_F(DescentTest, QualityTellsRightFromWrong) {
   }
 }
 
-TEST(MirrorShift, PixelsCountedFromOneAreNoticed) {
+TEST(MirrorShift, MeasuresOffsetOfOneBasedPixels) {
   // Symmetric objects; only the order of their points is not symmetric.
   Rng rng(6);
   const std::vector<int> mirror{2, 1, 0, 5, 4, 3, 8, 7, 6};

@@ -96,9 +96,9 @@ void compress_descriptors(Descent::Stage& stage, const FeatureScale& scale, int 
   // The sign of an eigenvector is arbitrary. Make its largest element positive, so that all
   // machines agree.
   for (Eigen::Index c = 0; c < stage.components.cols(); ++c) {
-    Eigen::Index place = 0;
-    stage.components.col(c).cwiseAbs().maxCoeff(&place);
-    if (stage.components(place, c) < 0) stage.components.col(c) *= -1;
+    Eigen::Index index = 0;
+    stage.components.col(c).cwiseAbs().maxCoeff(&index);
+    if (stage.components(index, c) < 0) stage.components.col(c) *= -1;
   }
 }
 
@@ -184,11 +184,13 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
         stage_features(stage, model.mean, face.gray, sample.points, workspace, features.row(i));
         features.row(i)[features.columns - 1] = 1;
         const shape::Similarity2d upright = shape::fit_similarity(sample.points, model.mean);
-        const Eigen::Matrix2Xd off = face.points - sample.points;
+        const Eigen::Matrix2Xd difference = face.points - sample.points;
         float* target = targets.row(i);
         for (int p = 0; p < n; ++p) {
-          target[2 * p] = static_cast<float>(upright.a * off(0, p) - upright.b * off(1, p));
-          target[2 * p + 1] = static_cast<float>(upright.b * off(0, p) + upright.a * off(1, p));
+          target[2 * p] =
+              static_cast<float>(upright.a * difference(0, p) - upright.b * difference(1, p));
+          target[2 * p + 1] =
+              static_cast<float>(upright.b * difference(0, p) + upright.a * difference(1, p));
         }
         progress.advance();
       }

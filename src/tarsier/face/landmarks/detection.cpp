@@ -10,17 +10,17 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr double kFound = 0.4;
+constexpr double kMinIou = 0.4;
 
-cv::Point2d middle(const cv::Rect2d& box) {
+cv::Point2d center_of(const cv::Rect2d& box) {
   return {box.x + box.width / 2, box.y + box.height / 2};
 }
 
 }  // namespace
 
-void DetectionJudge::add(const LandmarkModel& model, const FaceFinder& finder,
-                         const std::vector<Candidate>& candidates, const shape::BoxedImage& truth,
-                         double ms) {
+void DetectionEvaluator::add(const LandmarkModel& model, const FaceFinder& finder,
+                             const std::vector<Candidate>& candidates,
+                             const shape::BoxedImage& truth, double ms) {
   ++sum_.images;
   sum_.ms += ms;
   sum_.objects += static_cast<int>(truth.boxes.size());
@@ -32,11 +32,12 @@ void DetectionJudge::add(const LandmarkModel& model, const FaceFinder& finder,
     const cv::Rect2d box(center.x() + 0.5 - side / 2, center.y() + 0.5 - side / 2, side, side);
     bool is_right = false;
     for (std::size_t k = 0; k < truth.boxes.size() && !is_right; ++k) {
-      if (is_found[k] || iou(box, truth.boxes[k]) < kFound) continue;
+      if (is_found[k] || iou(box, truth.boxes[k]) < kMinIou) continue;
       is_found[k] = true;
       is_right = true;
       ++sum_.found;
-      sum_.off += cv::norm(middle(box) - middle(truth.boxes[k])) / truth.boxes[k].width;
+      sum_.center_error +=
+          cv::norm(center_of(box) - center_of(truth.boxes[k])) / truth.boxes[k].width;
     }
     const bool is_ignored =
         std::any_of(truth.ignored.begin(), truth.ignored.end(), [&](const cv::Rect2d& ignored) {
@@ -46,9 +47,9 @@ void DetectionJudge::add(const LandmarkModel& model, const FaceFinder& finder,
   }
 }
 
-DetectionScore DetectionJudge::score() const {
+DetectionScore DetectionEvaluator::score() const {
   DetectionScore score = sum_;
-  score.off /= std::max(1, score.found);
+  score.center_error /= std::max(1, score.found);
   score.ms /= std::max(1, score.images);
   return score;
 }

@@ -16,17 +16,17 @@ namespace tarsier::face::landmarks {
 struct DetectionScore {
   int images = 0;
   int objects = 0;
-  int found = 0;         // intersection over union of at least 0.4
-  int false_alarms = 0;  // neither an object nor an ignored box
-  double off = 0;        // mean distance of found boxes from their objects' centres, box widths
-  double ms = 0;         // per image
+  int found = 0;            // intersection over union of at least 0.4
+  int false_alarms = 0;     // neither an object nor an ignored box
+  double center_error = 0;  // mean distance of found boxes from their objects' centres, box widths
+  double ms = 0;            // per image
 };
 
-class DetectionJudge {
+class DetectionEvaluator {
  public:
   // `sides`: side of a box around a shape, in root mean squared distances (see
   // boxes_from_landmarks).
-  explicit DetectionJudge(double sides = 2.8) : sides_(sides) {}
+  explicit DetectionEvaluator(double sides = 2.8) : sides_(sides) {}
   // Each object is found at most once.
   void add(const LandmarkModel& model, const FaceFinder& finder,
            const std::vector<Candidate>& candidates, const shape::BoxedImage& truth, double ms);

@@ -12,7 +12,7 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr double kFailure = 8;  // %
+constexpr double kFailureNme = 8;  // %
 
 double error_of(const FitOutcome& outcome) {
   return outcome.missed || outcome.wrong ? std::numeric_limits<double>::infinity() : outcome.nme;
@@ -20,8 +20,8 @@ double error_of(const FitOutcome& outcome) {
 
 }  // namespace
 
-FitOutcome judge(const std::optional<Eigen::Matrix2Xd>& fitted, const Eigen::Matrix2Xd& truth,
-                 const std::array<int, 2>& eyes) {
+FitOutcome evaluate_fit(const std::optional<Eigen::Matrix2Xd>& fitted,
+                        const Eigen::Matrix2Xd& truth, const std::array<int, 2>& eyes) {
   for (const int eye : eyes) {
     TARSIER_REQUIRE(eye >= 0 && eye < truth.cols(), "eye {} of {} points", eye, truth.cols());
   }
@@ -34,14 +34,14 @@ FitOutcome judge(const std::optional<Eigen::Matrix2Xd>& fitted, const Eigen::Mat
   }
   TARSIER_REQUIRE(fitted->cols() == truth.cols(), "{} points, the truth has {}", fitted->cols(),
                   truth.cols());
-  const Eigen::Vector2d off = fitted->rowwise().mean() - truth.rowwise().mean();
-  if (off.norm() > unit) {
+  const Eigen::Vector2d displacement = fitted->rowwise().mean() - truth.rowwise().mean();
+  if (displacement.norm() > unit) {
     outcome.wrong = true;
     return outcome;
   }
   outcome.nme = (*fitted - truth).colwise().norm().mean() / unit * 100;
-  outcome.dx = off.x() / unit * 100;
-  outcome.dy = off.y() / unit * 100;
+  outcome.dx = displacement.x() / unit * 100;
+  outcome.dy = displacement.y() / unit * 100;
   return outcome;
 }
 
@@ -53,7 +53,7 @@ LandmarkScore score_of(const std::vector<FitOutcome>& outcomes) {
   for (const FitOutcome& outcome : outcomes) {
     score.missed += outcome.missed ? 1 : 0;
     score.wrong += outcome.wrong ? 1 : 0;
-    if (error_of(outcome) >= kFailure) ++failed;
+    if (error_of(outcome) >= kFailureNme) ++failed;
     if (outcome.missed || outcome.wrong) continue;
     errors.push_back(outcome.nme);
     score.dx += outcome.dx;
@@ -72,7 +72,7 @@ LandmarkScore score_of(const std::vector<FitOutcome>& outcomes) {
   }
   // Trapezoidal rule over 0, 0.008 .. 8 %.
   std::vector<double> at(1001);
-  for (std::size_t i = 0; i < at.size(); ++i) at[i] = kFailure * static_cast<double>(i) / 1000;
+  for (std::size_t i = 0; i < at.size(); ++i) at[i] = kFailureNme * static_cast<double>(i) / 1000;
   const std::vector<double> curve = cumulative(outcomes, at);
   for (std::size_t i = 1; i < curve.size(); ++i) score.auc += (curve[i] + curve[i - 1]) / 2000;
   return score;

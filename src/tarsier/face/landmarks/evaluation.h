@@ -38,8 +38,9 @@ struct LandmarkScore {
 
 // Compares fitted points (empty: no face found) with the ground truth (2 x n each, px). Throws
 // std::invalid_argument for different sizes or coinciding eyes.
-[[nodiscard]] FitOutcome judge(const std::optional<Eigen::Matrix2Xd>& fitted,
-                               const Eigen::Matrix2Xd& truth, const std::array<int, 2>& eyes);
+[[nodiscard]] FitOutcome evaluate_fit(const std::optional<Eigen::Matrix2Xd>& fitted,
+                                      const Eigen::Matrix2Xd& truth,
+                                      const std::array<int, 2>& eyes);
 
 [[nodiscard]] LandmarkScore score_of(const std::vector<FitOutcome>& outcomes);
 

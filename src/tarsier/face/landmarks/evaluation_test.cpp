@@ -19,23 +19,24 @@ Eigen::Matrix2Xd square() {
 }
 constexpr std::array<int, 2> kEyes{0, 1};
 
-TEST(Judge, MeasuresInEyeDistances) {
-  const FitOutcome outcome = judge(square().colwise() + Eigen::Vector2d(3, -4), square(), kEyes);
+TEST(EvaluateFit, MeasuresErrorInEyeDistances) {
+  const FitOutcome outcome =
+      evaluate_fit(square().colwise() + Eigen::Vector2d(3, -4), square(), kEyes);
   EXPECT_NEAR(outcome.nme, 5, 1e-9);
   EXPECT_NEAR(outcome.dx, 3, 1e-9);
   EXPECT_NEAR(outcome.dy, -4, 1e-9);
   EXPECT_FALSE(outcome.wrong);
 }
 
-TEST(Judge, AnotherFaceIsWrongAndNoneIsMissed) {
-  EXPECT_TRUE(judge(square().colwise() + Eigen::Vector2d(101, 0), square(), kEyes).wrong);
-  EXPECT_TRUE(judge(std::nullopt, square(), kEyes).missed);
+TEST(EvaluateFit, DistinguishesWrongFromMissedFace) {
+  EXPECT_TRUE(evaluate_fit(square().colwise() + Eigen::Vector2d(101, 0), square(), kEyes).wrong);
+  EXPECT_TRUE(evaluate_fit(std::nullopt, square(), kEyes).missed);
 }
 
-TEST(Judge, RefusesOtherNumbersOfPoints) {
-  EXPECT_THROW((void)judge(Eigen::Matrix2Xd(square().leftCols(3)), square(), kEyes),
+TEST(EvaluateFit, RefusesOtherNumbersOfPoints) {
+  EXPECT_THROW((void)evaluate_fit(Eigen::Matrix2Xd(square().leftCols(3)), square(), kEyes),
                std::invalid_argument);
-  EXPECT_THROW((void)judge(square(), square(), {0, 7}), std::invalid_argument);
+  EXPECT_THROW((void)evaluate_fit(square(), square(), {0, 7}), std::invalid_argument);
 }
 
 TEST(Score, MissedAndWrongCountAsFailuresButNotInTheMean) {
@@ -55,7 +56,7 @@ TEST(Score, MissedAndWrongCountAsFailuresButNotInTheMean) {
 
 class FaceLinesTest : public FolderTest {};
 
-TEST_F(FaceLinesTest, TheWidestFaceCounts) {
+TEST_F(FaceLinesTest, UsesTheWidestFace) {
   const std::string file = path("r.jsonl");
   std::ofstream(file) << R"({"image":"a.png","faces":[{"box":[0,0,10,10],"points":[[1,1],[2,2]]},)"
                       << R"({"box":[0,0,30,30],"points":[[5,6],[7,8]]}]})"
@@ -71,7 +72,7 @@ TEST_F(FaceLinesTest, TheWidestFaceCounts) {
   EXPECT_THROW((void)lines.find("a.png", 3), InputError);
 }
 
-TEST_F(FaceLinesTest, BrokenLinesNameTheirPlace) {
+TEST_F(FaceLinesTest, ErrorsNameTheLine) {
   const std::string file = path("r.jsonl");
   for (const char* text : {"{\"image\":1}\n", "[1]\n", "{\"image\":\"a\",\"points\":[[1]]}\n",
                            "{\"image\":\"a\",\"points\":\"x\"}\n", "{\n"}) {

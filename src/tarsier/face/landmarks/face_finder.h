@@ -50,9 +50,9 @@ struct HogDetector;
 
 // A possible face.
 struct Candidate {
-  cv::Rect2d box;    // px, in the form of the frontal cascade or the trained detector
-  bool sure = true;  // detected by the strict search; otherwise the fit decides
-  double score = 1;  // of the detector, 0..1
+  cv::Rect2d box;         // px, in the form of the frontal cascade or the trained detector
+  bool confident = true;  // detected by the strict search; otherwise the fit decides
+  double score = 1;       // of the detector, 0..1
   // Radians, clockwise in the image: roll of the face in the box. The box is that of the face after
   // rotating it upright about the box centre. 0: detected upright.
   double roll = 0;
@@ -78,8 +78,8 @@ struct FaceFinderOptions {
   // Also search less strictly: below the detector's threshold, or with other cascades (one for
   // profiles) everywhere.
   bool thorough = true;
-  // Used instead of all others; or null. Faces with a score of 0.6 or more are sure.
-  std::shared_ptr<const BoxDetector> own;
+  // Used instead of all others; or null. Faces with a score of 0.6 or more are confident.
+  std::shared_ptr<const BoxDetector> external_detector;
   // What find_faces() and track_faces() do in addition to find().
   RolledSearch rolled = RolledSearch::kAuto;
 };
@@ -88,9 +88,9 @@ struct FaceFinderOptions {
 // - the networks of detect/face_networks.h together with OpenCV's frontal cascade for large faces
 //   (at least a tenth of the image's smaller side, searched at 320 px);
 // - a detector trained by the user (hog_detector.h);
-// - the user's own network (FaceFinderOptions::own);
+// - the user's own network (FaceFinderOptions::external_detector);
 // - OpenCV's cascades alone.
-// The results of the strict and the less strict search are merged. Of overlapping boxes a sure one
+// The results of the strict and the less strict search are merged. Of overlapping boxes a confident one
 // is kept, so that one detected face never hides another. Not thread-safe.
 class FaceFinder {
  public:
@@ -107,13 +107,13 @@ class FaceFinder {
   // Largest first; `gray` CV_8UC1.
   [[nodiscard]] std::vector<Candidate> find(const cv::Mat& gray);
   // Only the strict search.
-  [[nodiscard]] std::vector<Candidate> find_sure(const cv::Mat& gray);
+  [[nodiscard]] std::vector<Candidate> find_confident(const cv::Mat& gray);
   // Searches a part of the image. Of the cascades' less strict searches, only one is run, in turn.
   // cascades = false disables the cascades that run together with the networks in a whole image,
   // which take four times as long as the networks.
   [[nodiscard]] std::vector<Candidate> find_in(const cv::Mat& gray, const SearchTile& tile,
                                                bool cascades = true);
-  // Rolled faces that the strict search is sure of, in the image rotated by -kSearchRoll and
+  // Rolled faces that the strict search is confident of, in the image rotated by -kSearchRoll and
   // kSearchRoll. Keeps the better of overlapping ones, largest first. Box centres are inside the
   // image.
   [[nodiscard]] std::vector<Candidate> find_rolled(const cv::Mat& gray);

@@ -43,8 +43,8 @@ cv::Mat wall(cv::Size size) {
   return image + grain;
 }
 
-// Draws a head whose face has a box of `width` px around `middle`; returns the box.
-cv::Rect2d draw_face(cv::Mat& image, cv::Point2d middle, double width, std::uint64_t seed) {
+// Draws a head whose face has a box of `width` px around `position`; returns the box.
+cv::Rect2d draw_face(cv::Mat& image, cv::Point2d position, double width, std::uint64_t seed) {
   const synth::Portrait portrait = synth::render_portrait({480, 360}, 0, seed);
   const cv::Point2d* eyes = portrait.truth.eyes;
   // The box that a detector draws around these eyes.
@@ -55,10 +55,11 @@ cv::Rect2d draw_face(cv::Mat& image, cv::Point2d middle, double width, std::uint
   cv::cvtColor(portrait.image, gray, cv::COLOR_BGR2GRAY);
   const cv::Size size(cvRound(480 * scale), cvRound(360 * scale));
   cv::resize(gray, gray, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
-  const cv::Point at(cvRound(middle.x - center.x * scale), cvRound(middle.y - center.y * scale));
+  const cv::Point at(cvRound(position.x - center.x * scale),
+                     cvRound(position.y - center.y * scale));
   const cv::Rect area = cv::Rect(at, size) & cv::Rect(0, 0, image.cols, image.rows);
   gray(area - at).copyTo(image(area));
-  return {middle.x - width / 2, middle.y - width / 2, width, width};
+  return {position.x - width / 2, position.y - width / 2, width, width};
 }
 
 int found_of(const std::vector<cv::Rect2d>& truth, const std::vector<Candidate>& candidates) {
@@ -80,10 +81,10 @@ TEST(FaceFinder, FindsAFaceOf40PixelsIn1080p) {
   EXPECT_EQ(found_of({face}, finder.find(image)), 1);
   if (!has_cascades()) GTEST_SKIP() << "opencv-data is not installed";
   FaceFinder cascades;
-  EXPECT_EQ(found_of({face}, cascades.find_sure(image)), 1);
+  EXPECT_EQ(found_of({face}, cascades.find_confident(image)), 1);
 }
 
-TEST(FaceFinder, FindsFacesOf24PixelsWhereAsked) {
+TEST(FaceFinder, FindsFacesOf24PixelsOnRequest) {
   cv::Mat image = wall({1280, 720});
   const cv::Rect2d face = draw_face(image, {333, 271}, 26, 2);
   FaceFinderOptions options;
@@ -110,18 +111,18 @@ struct SeesABrightSpot final : BoxDetector {
   [[nodiscard]] std::vector<ScoredFace> find(const cv::Mat& gray) const override {
     const cv::Moments moments = cv::moments(gray > 100, true);
     if (moments.m00 == 0) return {};
-    const cv::Point2d middle(moments.m10 / moments.m00 + 0.5, moments.m01 / moments.m00 + 0.5);
-    return {{{middle.x - width / 2, middle.y - width / 2, width, width}, 0.9}};
+    const cv::Point2d center(moments.m10 / moments.m00 + 0.5, moments.m01 / moments.m00 + 0.5);
+    return {{{center.x - width / 2, center.y - width / 2, width, width}, 0.9}};
   }
   double width;
 };
 
-TEST(FaceFinder, PlacesInATurnedImageAreThoseOfTheImage) {
+TEST(FaceFinder, RolledSearchReturnsImageCoordinates) {
   cv::Mat image(400, 620, CV_8UC1, cv::Scalar(20));
   const cv::Point2d spot(451, 133);
   cv::circle(image, spot, 12, cv::Scalar(250), cv::FILLED);
   FaceFinderOptions options;
-  options.own = std::make_shared<SeesABrightSpot>(60);
+  options.external_detector = std::make_shared<SeesABrightSpot>(60);
   FaceFinder finder(options);
   const cv::Rect part(300, 40, 300, 250);
   for (const double degrees : {-90, -40, 0, 17, 45, 90}) {
@@ -147,15 +148,15 @@ TEST(FaceFinder, PlacesInATurnedImageAreThoseOfTheImage) {
 }
 
 // Nothing is detected in the repeated border of the rotated image.
-TEST(FaceFinder, MiddlesOfRolledFacesAreInTheImage) {
+TEST(FaceFinder, RolledFacesHaveTheirCenterInTheImage) {
   cv::Mat image(200, 200, CV_8UC1, cv::Scalar(20));
   image(cv::Rect(196, 90, 4, 20)).setTo(250);
   FaceFinderOptions options;
-  options.own = std::make_shared<SeesABrightSpot>(60);
+  options.external_detector = std::make_shared<SeesABrightSpot>(60);
   EXPECT_TRUE(FaceFinder(options).find_rolled(image).empty());
 }
 
-TEST(FaceFinder, StartsAreRolledAsTheirCandidates) {
+TEST(FaceFinder, StartHasTheRollOfTheCandidate) {
   Eigen::Matrix2Xd mean(2, 3);
   mean << -0.5, 0.5, 0, -0.2, -0.2, 0.4;
   BoxModel model;
@@ -165,23 +166,23 @@ TEST(FaceFinder, StartsAreRolledAsTheirCandidates) {
   const cv::Rect2d box(10, 20, 100, 100);
   const Eigen::Matrix2Xd upright = start_in_box(model, mean, box);
   const Eigen::Matrix2Xd rolled = start_in_box(model, mean, box, CV_PI / 2);
-  const Eigen::Vector2d middle(59.5, 69.5);
+  const Eigen::Vector2d center(59.5, 69.5);
   for (int i = 0; i < 3; ++i) {
-    const Eigen::Vector2d from = upright.col(i) - middle;
-    EXPECT_NEAR(rolled(0, i), middle.x() - from.y(), 1e-9);  // clockwise, y points down
-    EXPECT_NEAR(rolled(1, i), middle.y() + from.x(), 1e-9);
+    const Eigen::Vector2d from = upright.col(i) - center;
+    EXPECT_NEAR(rolled(0, i), center.x() - from.y(), 1e-9);  // clockwise, y points down
+    EXPECT_NEAR(rolled(1, i), center.y() + from.x(), 1e-9);
   }
   EXPECT_EQ(start_in_box(model, mean, box, 0), upright);
 }
 
-TEST(FaceFinder, SearchesOfRolledFacesAreNamed) {
+TEST(FaceFinder, RolledSearchNamesRoundTrip) {
   for (const RolledSearch search :
        {RolledSearch::kNever, RolledSearch::kAuto, RolledSearch::kAlways})
     EXPECT_EQ(parse_rolled_search(name_of(search)), search);
   EXPECT_THROW((void)parse_rolled_search("often"), std::invalid_argument);
 }
 
-TEST(FaceFinder, TheTilesOfAVideoTogetherSeeWhatTheWholeSearchSees) {
+TEST(FaceFinder, TilesTogetherFindAllFaces) {
   cv::Mat image = wall({1280, 720});
   const std::vector<cv::Rect2d> faces = {draw_face(image, {400, 380}, 280, 2),
                                          draw_face(image, {900, 300}, 90, 3),
@@ -212,7 +213,7 @@ LandmarkModel trusting_model() {
   return model;
 }
 
-TEST(FaceTracker, ASmallNewFaceIsFoundInBoundedTimeAtBoundedCost) {
+TEST(FaceTracker, FindsSmallNewFaceInBoundedTimeAndCost) {
   const LandmarkModel model = trusting_model();
   for (const cv::Size size : {cv::Size(1920, 1080), cv::Size(3840, 2160)}) {
     const cv::Mat empty = wall(size);
@@ -251,7 +252,7 @@ struct GroupImages {
   int wrong = 0;
 };
 
-TEST(GroupImages, AreFoundWholeByTheModelsThatShip) {
+TEST(GroupImages, ShippedModelsFindTheFaces) {
   const char* data = std::getenv("TARSIER_DATA");
   const std::string folder = std::string(data != nullptr ? data : "") + "/dlib-faces";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no dlib-faces in $TARSIER_DATA";
@@ -263,7 +264,7 @@ TEST(GroupImages, AreFoundWholeByTheModelsThatShip) {
        shape::read_dlib_boxes(folder + "/training_with_face_landmarks.xml").images) {
     const cv::Mat gray = read_gray_image(image.image);
     std::vector<Candidate> faces;
-    for (const FoundFace& face : find_faces(model, {}, gray, finder, workspace)) {
+    for (const FittedFace& face : find_faces(model, {}, gray, finder, workspace)) {
       faces.push_back({face.box, true});
     }
     const int found = found_of(image.boxes, faces);

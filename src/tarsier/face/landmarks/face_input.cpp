@@ -16,13 +16,13 @@ void face_input(const Eigen::Matrix2Xd& mean, const cv::Mat& gray, const Eigen::
                 int side, double scale, FaceInput& input) {
   const Reduced reduced = reduce_around(gray, points, scale);
   const Eigen::Matrix2Xd there = (points.colwise() - reduced.offset) / reduced.scale;
-  const shape::Similarity2d place = shape::fit_similarity(mean, there);
+  const shape::Similarity2d similarity = shape::fit_similarity(mean, there);
   // From px of the frame to px of the reduced image.
-  const double middle = (side - 1) / 2.0;
-  const double a = place.a / scale;
-  const double b = place.b / scale;
-  const cv::Matx23d image_from_frame(a, -b, place.tx - middle * (a - b), b, a,
-                                     place.ty - middle * (a + b));
+  const double center = (side - 1) / 2.0;
+  const double a = similarity.a / scale;
+  const double b = similarity.b / scale;
+  const cv::Matx23d image_from_frame(a, -b, similarity.tx - center * (a - b), b, a,
+                                     similarity.ty - center * (a + b));
   cv::warpAffine(reduced.gray, input.frame, image_from_frame, cv::Size(side, side),
                  cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
   cv::Scalar mean_level;

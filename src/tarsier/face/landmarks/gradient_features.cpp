@@ -14,7 +14,7 @@ namespace tarsier::face::landmarks {
 namespace {
 
 constexpr float kClip = 0.25F;
-constexpr int kLargestCell = 41;  // px
+constexpr int kMaxCellSide = 41;  // px
 constexpr int kBorder = 2;        // px around the cells, for gradients and rounding
 
 using Number = std::uint16_t;
@@ -115,15 +115,15 @@ void gradient_features(const cv::Mat& gray, const Eigen::Matrix<double, 2, 3>& u
       (upright.leftCols<2>() * points).colwise() + Eigen::Vector2d(upright.col(2));
   const double cell_px = scale.cell * scale.px_per_unit;
   const double reach = 0.5 * kCells * cell_px + kBorder;
-  const Eigen::Vector2d least = in_units.rowwise().minCoeff() * scale.px_per_unit;
-  const Eigen::Vector2d most = in_units.rowwise().maxCoeff() * scale.px_per_unit;
-  TARSIER_REQUIRE(least.allFinite() && most.allFinite(), "points are not finite");
-  constexpr double kLargest = 1000;  // px; a degenerate shape is cut off
-  const Eigen::Vector2d origin = (least.array() - reach).floor();
+  const Eigen::Vector2d low = in_units.rowwise().minCoeff() * scale.px_per_unit;
+  const Eigen::Vector2d high = in_units.rowwise().maxCoeff() * scale.px_per_unit;
+  TARSIER_REQUIRE(low.allFinite() && high.allFinite(), "points are not finite");
+  constexpr double kMaxFrameSide = 1000;  // px; a degenerate shape is cut off
+  const Eigen::Vector2d origin = (low.array() - reach).floor();
   const int width =
-      static_cast<int>(std::min(kLargest, std::ceil(most.x() + reach - origin.x()) + 1));
+      static_cast<int>(std::min(kMaxFrameSide, std::ceil(high.x() + reach - origin.x()) + 1));
   const int height =
-      static_cast<int>(std::min(kLargest, std::ceil(most.y() + reach - origin.y()) + 1));
+      static_cast<int>(std::min(kMaxFrameSide, std::ceil(high.y() + reach - origin.y()) + 1));
 
   // frame px = px_per_unit * upright x - origin
   Eigen::Matrix<double, 2, 3> frame_from_image = upright * scale.px_per_unit;
@@ -135,7 +135,7 @@ void gradient_features(const cv::Mat& gray, const Eigen::Matrix<double, 2, 3>& u
   cv::warpAffine(gray, workspace.frame, forward, cv::Size(width, height), cv::INTER_LINEAR,
                  cv::BORDER_REPLICATE);
   const int side =
-      std::clamp(2 * static_cast<int>(std::lround(cell_px / 2 - 0.5)) + 1, 1, kLargestCell);
+      std::clamp(2 * static_cast<int>(std::lround(cell_px / 2 - 0.5)) + 1, 1, kMaxCellSide);
   // A projection is at most 361; the sum of `side` squared projections must fit into 16 bits.
   int shift = 0;
   while (((361 >> shift) + 1) * side * side > 65535) ++shift;

@@ -23,8 +23,8 @@ constexpr int kMinWindow = 16;
 constexpr int kMaxWindow = 400;
 constexpr double kMaxEnlarged = 4;
 constexpr double kMaxPixels = 2e6;
-constexpr std::size_t kMaxPlaces = 4000;
-constexpr std::size_t kMaxFound = 200;
+constexpr std::size_t kMaxCandidates = 4000;
+constexpr std::size_t kMaxDetections = 200;
 
 }  // namespace
 
@@ -74,17 +74,17 @@ struct HogFinder::Impl {
   }
 
   // Best first. Bounds the work even if a model's threshold is very low.
-  std::vector<std::pair<double, dlib::rectangle>> detect(double below) {
+  std::vector<std::pair<double, dlib::rectangle>> detect(double margin) {
     scanner.load(resized);
-    std::vector<std::pair<double, dlib::rectangle>> places;
-    scanner.detect(filters, places, model.threshold - below);
-    places.resize(std::min(places.size(), kMaxPlaces));
+    std::vector<std::pair<double, dlib::rectangle>> candidates;
+    scanner.detect(filters, candidates, model.threshold - margin);
+    candidates.resize(std::min(candidates.size(), kMaxCandidates));
     std::vector<std::pair<double, dlib::rectangle>> kept;
-    for (const auto& place : places) {
-      const bool is_taken = std::any_of(kept.begin(), kept.end(), [&](const auto& better) {
-        return overlaps(better.second, place.second);
+    for (const auto& candidate : candidates) {
+      const bool is_suppressed = std::any_of(kept.begin(), kept.end(), [&](const auto& better) {
+        return overlaps(better.second, candidate.second);
       });
-      if (!is_taken && kept.size() < kMaxFound) kept.push_back(place);
+      if (!is_suppressed && kept.size() < kMaxDetections) kept.push_back(candidate);
     }
     return kept;
   }
@@ -97,15 +97,15 @@ HogFinder& HogFinder::operator=(HogFinder&&) noexcept = default;
 
 const HogDetector& HogFinder::detector() const { return impl_->model; }
 
-std::vector<ScoredBox> HogFinder::find(const cv::Mat& gray, double least, double below) {
+std::vector<ScoredBox> HogFinder::find(const cv::Mat& gray, double min_size, double margin) {
   require_gray(gray);
-  TARSIER_REQUIRE(least > 0 && std::isfinite(least) && below >= 0 && std::isfinite(below),
-                  "least {} px, {} below", least, below);
+  TARSIER_REQUIRE(min_size > 0 && std::isfinite(min_size) && margin >= 0 && std::isfinite(margin),
+                  "least {} px, {} below", min_size, margin);
   Impl& my = *impl_;
   const double window = std::sqrt(static_cast<double>(my.model.width) * my.model.height);
   const double pixels = static_cast<double>(gray.cols) * gray.rows;
   const double scale =
-      std::min({window / least, kMaxEnlarged, std::max(0.01, std::sqrt(kMaxPixels / pixels))});
+      std::min({window / min_size, kMaxEnlarged, std::max(0.01, std::sqrt(kMaxPixels / pixels))});
   const cv::Size size(std::max(1, cvRound(gray.cols * scale)),
                       std::max(1, cvRound(gray.rows * scale)));
   std::vector<ScoredBox> found;
@@ -113,7 +113,7 @@ std::vector<ScoredBox> HogFinder::find(const cv::Mat& gray, double least, double
   cv::resize(gray, my.resized, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
   const double sx = static_cast<double>(gray.cols) / size.width;
   const double sy = static_cast<double>(gray.rows) / size.height;
-  for (const auto& [score, rectangle] : my.detect(below)) {
+  for (const auto& [score, rectangle] : my.detect(margin)) {
     const cv::Rect2d box = inner::from_dlib(rectangle);
     found.push_back(
         {{box.x * sx, box.y * sy, box.width * sx, box.height * sy}, score - my.model.threshold});
@@ -159,9 +159,9 @@ cv::Mat draw_hog_detector(const HogDetector& detector, int zoom) {
     return detector.weights(direction, cell) + detector.weights(direction + kDirections, cell) +
            detector.weights(direction + 2 * kDirections, cell);
   };
-  float most = 1e-9F;
+  float max_weight = 1e-9F;
   for (int c = 0; c < cells.area(); ++c) {
-    for (int d = 0; d < kDirections; ++d) most = std::max(most, std::abs(weight(c, d)));
+    for (int d = 0; d < kDirections; ++d) max_weight = std::max(max_weight, std::abs(weight(c, d)));
   }
   const cv::Size half(cells.width * zoom, cells.height * zoom);
   cv::Mat sheet(half.height, 2 * half.width + zoom / 2, CV_8UC3, cv::Scalar(48, 40, 36));
@@ -170,7 +170,7 @@ cv::Mat draw_hog_detector(const HogDetector& detector, int zoom) {
     for (int c = 0; c < cells.area(); ++c) {
       const cv::Point2d center((c % cells.width + 0.5) * zoom, (c / cells.width + 0.5) * zoom);
       for (int d = 0; d < kDirections; ++d) {
-        const double value = sign * static_cast<double>(weight(c, d) / most);
+        const double value = sign * static_cast<double>(weight(c, d) / max_weight);
         if (value <= 0.02) continue;
         // An edge is perpendicular to its gradient.
         const double angle = CV_PI * d / kDirections + CV_PI / 2;

@@ -85,7 +85,7 @@ class HogDetectorTest : public ::testing::Test {
   NoProgress silent_;
 };
 
-TEST_F(HogDetectorTest, FindsObjectsWhereTheyAreAndNothingElse) {
+TEST_F(HogDetectorTest, FindsTrainedObjectsOnly) {
   const HogTraining training = trained();
   EXPECT_EQ(training.boxes, 8);
   EXPECT_EQ(training.images, 10);
@@ -107,7 +107,7 @@ TEST_F(HogDetectorTest, FindsObjectsWhereTheyAreAndNothingElse) {
   EXPECT_TRUE(finder.find(gray(cv::Rect(0, 150, 180, 150)).clone(), 48).empty());
 }
 
-TEST_F(HogDetectorTest, KnowsWhereShapesLieInItsBoxes) {
+TEST_F(HogDetectorTest, LearnsTheBoxModel) {
   const HogDetector detector = trained().detector;
   ASSERT_TRUE(detector.box);
   // The window moves in steps of a cell, which is a sixth of the window. The tolerance is half a
@@ -122,7 +122,7 @@ TEST_F(HogDetectorTest, KnowsWhereShapesLieInItsBoxes) {
   model.box = {0.5, 0.5, 0.9, 1};
   FaceFinder finder(detector, {});
   const cv::Mat gray = read_gray_image(images_[2].image);
-  const std::vector<Candidate> candidates = finder.find_sure(gray);
+  const std::vector<Candidate> candidates = finder.find_confident(gray);
   ASSERT_EQ(candidates.size(), 1U);
   const Eigen::Matrix2Xd start = start_at(model, finder, candidates[0]);
   const Eigen::Matrix2Xd& truth = images_[2].shapes[0];
@@ -140,7 +140,7 @@ TEST_F(HogDetectorTest, SameForAnyNumberOfThreads) {
   EXPECT_EQ(one.threshold, three.threshold);
 }
 
-TEST_F(HogDetectorTest, FilesKeepTheDetectorAndBadOnesAreRefused) {
+TEST_F(HogDetectorTest, FileRoundTripAndRejectsInvalidFiles) {
   HogDetector detector;
   detector.width = detector.height = 48;
   detector.weights = Eigen::MatrixXf::Random(kHogPlanes, detector.cells().area());
@@ -169,7 +169,7 @@ TEST_F(HogDetectorTest, FilesKeepTheDetectorAndBadOnesAreRefused) {
   refused("box", {{"dx", 0}});
 }
 
-TEST_F(HogDetectorTest, AThresholdThatEverythingPassesHasAnEnd) {
+TEST_F(HogDetectorTest, BoundsDetectionsWhenEveryWindowPasses) {
   HogDetector detector;
   detector.width = detector.height = 48;
   detector.weights = Eigen::MatrixXf::Constant(kHogPlanes, detector.cells().area(), 0.1F);
@@ -181,7 +181,7 @@ TEST_F(HogDetectorTest, AThresholdThatEverythingPassesHasAnEnd) {
   EXPECT_LE(found.size(), 200U);
 }
 
-TEST_F(HogDetectorTest, StopsAtOnceAndNamesWhatCannotBeLearned) {
+TEST_F(HogDetectorTest, CanBeInterruptedAndNamesUnusableBoxes) {
   std::stop_source stop;
   stop.request_stop();
   EXPECT_THROW((void)train_hog_detector(images_, "set", options_, silent_, stop.get_token()),
@@ -198,7 +198,7 @@ TEST_F(HogDetectorTest, StopsAtOnceAndNamesWhatCannotBeLearned) {
   EXPECT_THROW((void)trained(), InputError);
 }
 
-TEST_F(HogDetectorTest, TheDrawnFilterShowsTheFrame) {
+TEST_F(HogDetectorTest, DrawsTheFilter) {
   const cv::Mat drawn = draw_hog_detector(trained().detector, 16);
   EXPECT_EQ(drawn.type(), CV_8UC3);
   EXPECT_GT(cv::norm(drawn, cv::NORM_INF), 200);

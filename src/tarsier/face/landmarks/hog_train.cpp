@@ -22,12 +22,13 @@ namespace {
 
 using inner::HogScanner;
 
-constexpr double kLargestStart = 1.5;    // windows; max size of the smallest object
-constexpr double kSmallest = 0.85;       // of the window; smaller objects cannot be detected
-constexpr double kInside = 0.6;          // min share of a box inside its image
-constexpr double kDouble = 0.5;          // overlap of two boxes that are the same object
-constexpr double kMatch = 0.5;           // overlap of a box with the best position of the window
-constexpr std::size_t kMaxForBox = 400;  // max number of images for the relation of boxes to shapes
+constexpr double kMaxStartSize = 1.5;      // windows; max size of the smallest object
+constexpr double kMinSize = 0.85;          // of the window; smaller objects cannot be detected
+constexpr double kMinInsideShare = 0.6;    // min share of a box inside its image
+constexpr double kDuplicateOverlap = 0.5;  // overlap of two boxes that are the same object
+constexpr double kMinMatchOverlap = 0.5;   // overlap of a box with the best position of the window
+constexpr std::size_t kMaxBoxModelImages =
+    400;  // max number of images for the relation of boxes to shapes
 
 // A training image.
 struct Image {
@@ -37,17 +38,17 @@ struct Image {
   std::vector<Eigen::Matrix2Xd> shapes;  // one per box, or empty
 };
 
-double median_form(const std::vector<shape::BoxedImage>& images) {
-  std::vector<double> forms;
+double median_aspect(const std::vector<shape::BoxedImage>& images) {
+  std::vector<double> aspects;
   for (const shape::BoxedImage& image : images) {
     for (const cv::Rect2d& box : image.boxes) {
-      if (box.width > 0 && box.height > 0) forms.push_back(box.width / box.height);
+      if (box.width > 0 && box.height > 0) aspects.push_back(box.width / box.height);
     }
   }
-  if (forms.empty()) return 1;
-  const auto middle = forms.begin() + static_cast<std::ptrdiff_t>(forms.size() / 2);
-  std::nth_element(forms.begin(), middle, forms.end());
-  return std::clamp(*middle, 0.25, 4.0);
+  if (aspects.empty()) return 1;
+  const auto median = aspects.begin() + static_cast<std::ptrdiff_t>(aspects.size() / 2);
+  std::nth_element(aspects.begin(), median, aspects.end());
+  return std::clamp(*median, 0.25, 4.0);
 }
 
 cv::Rect2d scaled(const cv::Rect2d& box, double sx, double sy) {
@@ -58,16 +59,16 @@ cv::Rect2d scaled(const cv::Rect2d& box, double sx, double sy) {
 double scale_of(const shape::BoxedImage& image, const cv::Mat& gray, const HogOptions& options,
                 Rng& rng) {
   const double longest = std::max(gray.cols, gray.rows);
-  const double most = std::min(std::pow(2.0, options.upsample), options.largest / longest);
+  const double max_scale = std::min(std::pow(2.0, options.upsample), options.largest / longest);
   double smallest = 0;
   for (const cv::Rect2d& box : image.boxes) {
     const double side = std::sqrt(std::max(0.0, box.area()));
     if (side > 0 && (smallest == 0 || side < smallest)) smallest = side;
   }
   // One random number per image in any case.
-  const double wished = rng.uniform(1.02, kLargestStart);
-  if (smallest == 0) return std::min(1.0, most);
-  return std::min(most, options.window * wished / smallest);
+  const double window_ratio = rng.uniform(1.02, kMaxStartSize);
+  if (smallest == 0) return std::min(1.0, max_scale);
+  return std::min(max_scale, options.window * window_ratio / smallest);
 }
 
 Image prepared(const shape::BoxedImage& image, const cv::Mat& gray, double scale,
@@ -85,9 +86,10 @@ Image prepared(const shape::BoxedImage& image, const cv::Mat& gray, double scale
     const cv::Rect2d best = inner::from_dlib(scanner.get_best_matching_rect(inner::to_dlib(box)));
     const bool is_double =
         std::any_of(to.boxes.begin(), to.boxes.end(),
-                    [&](const cv::Rect2d& other) { return iou(box, other) > kDouble; });
-    if (std::sqrt(box.area()) < kSmallest * options.window || is_double ||
-        (box & whole).area() < kInside * box.area() || iou(box, best) <= kMatch + 0.02) {
+                    [&](const cv::Rect2d& other) { return iou(box, other) > kDuplicateOverlap; });
+    if (std::sqrt(box.area()) < kMinSize * options.window || is_double ||
+        (box & whole).area() < kMinInsideShare * box.area() ||
+        iou(box, best) <= kMinMatchOverlap + 0.02) {
       to.ignored.push_back(box);
       ++result.ignored;
       continue;
@@ -146,15 +148,15 @@ class Problem final
       const long end = std::min(count_, first + kBlock);
       cv::parallel_for_(cv::Range(0, static_cast<int>(end - first)), [&](const cv::Range& range) {
         for (int k = range.start; k < range.end && !stop_.stop_requested(); ++k) {
-          const auto place = static_cast<std::size_t>(k);
-          separation_oracle_cached(first + k, weights, losses[place], features[place]);
+          const auto index = static_cast<std::size_t>(k);
+          separation_oracle_cached(first + k, weights, losses[index], features[index]);
         }
       });
       throw_if_stopped(stop_);
       for (long i = first; i < end; ++i) {
-        const auto place = static_cast<std::size_t>(i - first);
-        total_loss += losses[place];
-        subgradient += features[place];
+        const auto index = static_cast<std::size_t>(i - first);
+        total_loss += losses[index];
+        subgradient += features[index];
       }
     }
     ++rounds_;
@@ -167,7 +169,7 @@ class Problem final
   mutable int rounds_ = 0;
 };
 
-void take_weights(const dlib::matrix<double, 0, 1>& weights, HogDetector& detector) {
+void set_weights(const dlib::matrix<double, 0, 1>& weights, HogDetector& detector) {
   const cv::Size cells = detector.cells();
   detector.weights.resize(kHogPlanes, cells.area());
   long at = 0;
@@ -180,12 +182,12 @@ void take_weights(const dlib::matrix<double, 0, 1>& weights, HogDetector& detect
 }
 
 // Applies the detector to its training images, and measures the positions of shapes in its boxes.
-void look_back(const std::vector<Image>& images, HogTraining& result, Progress& progress,
-               const std::stop_token& stop) {
+void evaluate_on_training_images(const std::vector<Image>& images, HogTraining& result,
+                                 Progress& progress, const std::stop_token& stop) {
   HogFinder finder(result.detector);
   std::vector<Eigen::Matrix2Xd> shapes;
   std::vector<cv::Rect2d> boxes;
-  const std::size_t step = std::max<std::size_t>(1, images.size() / kMaxForBox);
+  const std::size_t step = std::max<std::size_t>(1, images.size() / kMaxBoxModelImages);
   const double window =
       std::sqrt(static_cast<double>(result.detector.width) * result.detector.height);
   int tried = 0;
@@ -224,7 +226,7 @@ HogTraining train_hog_detector(const std::vector<shape::BoxedImage>& images,
   options.check();
   HogTraining result;
   HogDetector& detector = result.detector;
-  const double form = median_form(images);
+  const double form = median_aspect(images);
   detector.width = static_cast<int>(std::lround(options.window * std::sqrt(form)));
   detector.height = static_cast<int>(std::lround(options.window / std::sqrt(form)));
   HogScanner scanner;
@@ -281,11 +283,11 @@ HogTraining train_hog_detector(const std::vector<shape::BoxedImage>& images,
     problem.set_c(options.c);
     problem.set_epsilon(options.epsilon);
     problem.set_max_iterations(static_cast<unsigned long>(options.rounds));
-    problem.set_match_eps(kMatch);
+    problem.set_match_eps(kMinMatchOverlap);
     dlib::matrix<double, 0, 1> weights;
     const dlib::oca solver;
     solver(static_cast<const dlib::oca_problem<dlib::matrix<double, 0, 1>>&>(problem), weights);
-    take_weights(weights, detector);
+    set_weights(weights, detector);
     detector.overlap = problem.get_overlap_tester().get_iou_thresh();
     detector.covered = problem.get_overlap_tester().get_percent_covered_thresh();
     result.rounds = problem.rounds();
@@ -294,7 +296,7 @@ HogTraining train_hog_detector(const std::vector<shape::BoxedImage>& images,
   }
   progress.end();
   detector.check();
-  look_back(prepared_images, result, progress, stop);
+  evaluate_on_training_images(prepared_images, result, progress, stop);
   return result;
 }
 

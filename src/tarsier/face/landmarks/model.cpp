@@ -57,13 +57,13 @@ Eigen::Matrix2Xd fit_with_trees(const Trees& trees, int starts, const cv::Mat& g
 // Further starts if the fit from a detector's box scores badly. Boxes are upright, and on turned
 // heads they are shifted by a part of their width. Shift x, y (in sizes of the shape), scale, angle
 // (degrees).
-constexpr double kRestarts[][4] = {{0.7, 0, 1, 0},  {-0.7, 0, 1, 0}, {0, 0.6, 1, 0},
-                                   {0, -0.6, 1, 0}, {0, 0, 0.75, 0}, {0, 0, 1.3, 0},
-                                   {0, 0, 1, 25},   {0, 0, 1, -25}};
-constexpr double kSureRolled = 0.95;   // min detector score of a rolled face that ..
-constexpr double kRolledScore = 0.25;  // .. needs only this score of both fits
-constexpr double kGoodScore = 0.5;     // no other start is tried from this score on
-constexpr double kMinScore = 0.1;      // of a sure detection; below it the detection is rejected
+constexpr double kExtraStarts[][4] = {{0.7, 0, 1, 0},  {-0.7, 0, 1, 0}, {0, 0.6, 1, 0},
+                                      {0, -0.6, 1, 0}, {0, 0, 0.75, 0}, {0, 0, 1.3, 0},
+                                      {0, 0, 1, 25},   {0, 0, 1, -25}};
+constexpr double kConfidentRolledScore = 0.95;  // min detector score of a rolled face that ..
+constexpr double kMinRolledScore = 0.25;        // .. needs only this score of both fits
+constexpr double kGoodScore = 0.5;              // no other start is tried from this score on
+constexpr double kMinScore = 0.1;  // of a confident detection; below it the detection is rejected
 
 // Shows the points on an enlarged part of the image.
 void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& model,
@@ -173,9 +173,10 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
         // The network returns the shape of a face for any input. So false detections are rejected
         // by the score of the fit before it.
         rated = fit.points;
-        const double apart =
+        const double distance =
             (by_trees - by_descent).colwise().norm().mean() / shape_size(fit.points);
-        const double share = apart * apart / (apart * apart + kNetworkError * kNetworkError);
+        const double share =
+            distance * distance / (distance * distance + kNetworkError * kNetworkError);
         fit.points += share * (by_network - fit.points);
       }
       break;
@@ -203,13 +204,14 @@ Fit fit_around(const LandmarkModel& model, const FitOptions& options, const cv::
                const Eigen::Matrix2Xd& start, Fit best, FitWorkspace& workspace) {
   const Eigen::Vector2d center = start.rowwise().mean();
   const double size = shape_size(start);
-  for (const double* restart : kRestarts) {
+  for (const double* extra : kExtraStarts) {
     if (best.score >= kGoodScore) break;
-    const double angle = restart[3] * CV_PI / 180;
-    const shape::Similarity2d turn{restart[2] * std::cos(angle), restart[2] * std::sin(angle), 0,
-                                   0};
-    const Eigen::Vector2d to = center + size * Eigen::Vector2d(restart[0], restart[1]);
-    const Eigen::Matrix2Xd there = turn(Eigen::Matrix2Xd(start.colwise() - center)).colwise() + to;
+    const double angle = extra[3] * CV_PI / 180;
+    const shape::Similarity2d similarity{extra[2] * std::cos(angle), extra[2] * std::sin(angle), 0,
+                                         0};
+    const Eigen::Vector2d to = center + size * Eigen::Vector2d(extra[0], extra[1]);
+    const Eigen::Matrix2Xd there =
+        similarity(Eigen::Matrix2Xd(start.colwise() - center)).colwise() + to;
     Fit fit = fit_points(model, options, gray, there, workspace);
     if (fit.score > best.score) best = std::move(fit);
   }
@@ -218,21 +220,21 @@ Fit fit_around(const LandmarkModel& model, const FitOptions& options, const cv::
 
 // Fits the points in a detector's box. Returns nothing if the score shows a false detection.
 std::optional<Fit> fit_candidate(const LandmarkModel& model, const FitOptions& options,
-                                 const cv::Mat& gray, const Eigen::Matrix2Xd& start, bool sure,
+                                 const cv::Mat& gray, const Eigen::Matrix2Xd& start, bool confident,
                                  double min_score, FitWorkspace& workspace, DebugSink* debug) {
-  const double required = sure ? std::min(min_score, kMinScore) : min_score;
+  const double required = confident ? std::min(min_score, kMinScore) : min_score;
   const auto is_false = [&](const Fit& fit) { return model.quality && fit.score < required; };
   Fit fit = fit_points(model, options, gray, start, workspace, debug);
   // Not for uncertain detections: without a face, one of many fits scores well by chance.
-  if (model.quality && sure)
+  if (model.quality && confident)
     fit = fit_around(model, options, gray, start, std::move(fit), workspace);
   if (is_false(fit)) return std::nullopt;
   // A start nearer to the face gives smaller errors.
   if (fit.points.allFinite() && shape_size(fit.points) >= 1) {
     const double first = fit.score;
-    const Eigen::Matrix2Xd again = restart(model, fit.points, true);
+    const Eigen::Matrix2Xd again = start_from_points(model, fit.points, true);
     fit = fit_points(model, options, gray, again, workspace, debug);
-    if (!sure) fit.score = std::min(fit.score, first);  // both fits must confirm the face
+    if (!confident) fit.score = std::min(fit.score, first);  // both fits must confirm the face
     if (is_false(fit)) return std::nullopt;
   }
   return fit;
@@ -240,13 +242,14 @@ std::optional<Fit> fit_candidate(const LandmarkModel& model, const FitOptions& o
 
 }  // namespace
 
-Eigen::Matrix2Xd restart(const LandmarkModel& model, const Eigen::Matrix2Xd& points, bool turn) {
-  shape::Similarity2d place = shape::fit_similarity(model.shape.mean, points);
-  if (!turn) {
+Eigen::Matrix2Xd start_from_points(const LandmarkModel& model, const Eigen::Matrix2Xd& points,
+                                   bool with_rotation) {
+  shape::Similarity2d similarity = shape::fit_similarity(model.shape.mean, points);
+  if (!with_rotation) {
     const Eigen::Vector2d center = points.rowwise().mean();
-    place = {place.scale(), 0, center.x(), center.y()};
+    similarity = {similarity.scale(), 0, center.x(), center.y()};
   }
-  return place(model.shape.mean);
+  return similarity(model.shape.mean);
 }
 
 Eigen::Matrix2Xd start_at(const LandmarkModel& model, const FaceFinder& finder,
@@ -256,8 +259,8 @@ Eigen::Matrix2Xd start_at(const LandmarkModel& model, const FaceFinder& finder,
 }
 
 double roll_of(const LandmarkModel& model, const Eigen::Matrix2Xd& points) {
-  const shape::Similarity2d place = shape::fit_similarity(model.shape.mean, points);
-  return std::atan2(place.b, place.a);
+  const shape::Similarity2d similarity = shape::fit_similarity(model.shape.mean, points);
+  return std::atan2(similarity.b, similarity.a);
 }
 
 std::optional<Fit> fit_rolled(const LandmarkModel& model, const FitOptions& options,
@@ -265,10 +268,10 @@ std::optional<Fit> fit_rolled(const LandmarkModel& model, const FitOptions& opti
                               const Candidate& candidate, FitWorkspace& workspace, double min_score,
                               DebugSink* debug) {
   if (!model.quality) return std::nullopt;
-  const bool sure = candidate.sure && candidate.score >= kSureRolled;
-  std::optional<Fit> fit =
-      fit_candidate(model, options, gray, start_at(model, finder, candidate), false,
-                    sure ? kRolledScore : std::max(min_score, kGoodScore), workspace, debug);
+  const bool confident = candidate.confident && candidate.score >= kConfidentRolledScore;
+  std::optional<Fit> fit = fit_candidate(
+      model, options, gray, start_at(model, finder, candidate), false,
+      confident ? kMinRolledScore : std::max(min_score, kGoodScore), workspace, debug);
   if (fit && std::abs(roll_of(model, fit->points)) < kMinRoll) fit.reset();
   return fit;
 }
@@ -276,54 +279,56 @@ std::optional<Fit> fit_rolled(const LandmarkModel& model, const FitOptions& opti
 namespace {
 
 // Two fits whose boxes overlap by this share of the smaller box are the same face.
-constexpr double kSameFace = 0.6;
+constexpr double kMinOverlap = 0.6;
 
 // Keeps each face once, with its best fit; largest first.
-std::vector<FoundFace> without_repeats(const LandmarkModel& model, std::vector<FoundFace> fits) {
-  std::vector<FoundFace> faces;
-  std::stable_sort(fits.begin(), fits.end(), [](const FoundFace& a, const FoundFace& b) {
+std::vector<FittedFace> without_duplicates(const LandmarkModel& model,
+                                           std::vector<FittedFace> fits) {
+  std::vector<FittedFace> faces;
+  std::stable_sort(fits.begin(), fits.end(), [](const FittedFace& a, const FittedFace& b) {
     return a.fit.score > b.fit.score;
   });
-  for (FoundFace& face : fits) {
+  for (FittedFace& face : fits) {
     const cv::Rect2d area = box_around(model.box, face.fit.points);
-    const bool again = std::any_of(faces.begin(), faces.end(), [&](const FoundFace& other) {
-      return overlap_of_smaller(area, box_around(model.box, other.fit.points)) > kSameFace;
+    const bool again = std::any_of(faces.begin(), faces.end(), [&](const FittedFace& other) {
+      return overlap_of_smaller(area, box_around(model.box, other.fit.points)) > kMinOverlap;
     });
     if (!again) faces.push_back(std::move(face));
   }
-  std::stable_sort(faces.begin(), faces.end(), [](const FoundFace& a, const FoundFace& b) {
+  std::stable_sort(faces.begin(), faces.end(), [](const FittedFace& a, const FittedFace& b) {
     return a.box.area() > b.box.area();
   });
   return faces;
 }
 
 // The candidates that their fits confirm as faces, each face once, largest first.
-std::vector<FoundFace> confirmed(const LandmarkModel& model, const FitOptions& options,
-                                 const cv::Mat& gray, const std::vector<Candidate>& candidates,
-                                 const FaceFinder& finder, FitWorkspace& workspace,
-                                 double min_score, DebugSink* debug) {
-  std::vector<FoundFace> fits;
+std::vector<FittedFace> fit_all_candidates(const LandmarkModel& model, const FitOptions& options,
+                                           const cv::Mat& gray,
+                                           const std::vector<Candidate>& candidates,
+                                           const FaceFinder& finder, FitWorkspace& workspace,
+                                           double min_score, DebugSink* debug) {
+  std::vector<FittedFace> fits;
   for (const Candidate& candidate : candidates) {
-    FoundFace face;
+    FittedFace face;
     face.box = candidate.box;
     face.detection = candidate.score;
-    face.sure = candidate.sure;
+    face.confident = candidate.confident;
     std::optional<Fit> fit = fit_candidate(model, options, gray, start_at(model, finder, candidate),
-                                           candidate.sure, min_score, workspace, debug);
+                                           candidate.confident, min_score, workspace, debug);
     if (!fit) continue;
     face.fit = *std::move(fit);
     fits.push_back(std::move(face));
   }
-  return without_repeats(model, std::move(fits));
+  return without_duplicates(model, std::move(fits));
 }
 
 // Detectors are trained on faces with some background. They miss a face in a crop that ends at
 // brows and chin. With the border pixels repeated by this share of the longer side they find it.
 constexpr double kBorder = 0.3;
 // Min width of a face that this search looks for, as a share of the image's smaller side.
-constexpr double kFillsImage = 0.7;
+constexpr double kMinFillingShare = 0.7;
 // Longer side of the image that is enough to find such faces, px.
-constexpr double kEnough = 200;
+constexpr double kFillingSearchSide = 200;
 
 int border_of(cv::Size size) { return cvRound(kBorder * std::max(size.width, size.height)); }
 
@@ -336,11 +341,11 @@ cv::Mat with_border(const cv::Mat& gray) {
 
 // Detects faces that fill the image; boxes in px of with_border(gray).
 std::vector<Candidate> find_filling(const cv::Mat& gray, FaceFinder& finder) {
-  const double smallest = kFillsImage * std::min(gray.cols, gray.rows);
+  const double smallest = kMinFillingShare * std::min(gray.cols, gray.rows);
   const double longer = std::max(gray.cols, gray.rows);
   // The image is not reduced below the size at which the finder can detect this face.
-  const double least = finder.min_face(gray.size()) / smallest;
-  const double scale = std::min(1.0, std::max(kEnough / longer, least));
+  const double min_scale = finder.min_face(gray.size()) / smallest;
+  const double scale = std::min(1.0, std::max(kFillingSearchSide / longer, min_scale));
   cv::Mat small = gray;
   if (scale < 1) cv::resize(gray, small, {}, scale, scale, cv::INTER_AREA);
   std::vector<Candidate> out;
@@ -351,74 +356,75 @@ std::vector<Candidate> find_filling(const cv::Mat& gray, FaceFinder& finder) {
   for (Candidate candidate : finder.find(with_border(small))) {
     const cv::Rect2d& box = candidate.box;
     candidate.box = {(box.tl() - from) * ratio, (box.br() - from) * ratio};
-    const cv::Point2d middle = 0.5 * (candidate.box.tl() + candidate.box.br());
-    if (candidate.box.width < smallest || !inside.contains(middle)) continue;
+    const cv::Point2d center = 0.5 * (candidate.box.tl() + candidate.box.br());
+    if (candidate.box.width < smallest || !inside.contains(center)) continue;
     candidate.box += to;
     out.push_back(candidate);
   }
   return out;
 }
 
-std::vector<FoundFace> filling_faces(const LandmarkModel& model, const FitOptions& options,
-                                     const cv::Mat& gray, FaceFinder& finder,
-                                     FitWorkspace& workspace, double min_score, DebugSink* debug) {
+std::vector<FittedFace> filling_faces(const LandmarkModel& model, const FitOptions& options,
+                                      const cv::Mat& gray, FaceFinder& finder,
+                                      FitWorkspace& workspace, double min_score, DebugSink* debug) {
   const std::vector<Candidate> filling = find_filling(gray, finder);
   if (filling.empty()) return {};
   const double border = border_of(gray.size());
-  std::vector<FoundFace> faces =
-      confirmed(model, options, with_border(gray), filling, finder, workspace, min_score, debug);
-  for (FoundFace& face : faces) {
+  std::vector<FittedFace> faces = fit_all_candidates(model, options, with_border(gray), filling,
+                                                     finder, workspace, min_score, debug);
+  for (FittedFace& face : faces) {
     face.box -= cv::Point2d(border, border);
     face.fit.points.array() -= border;
   }
   return faces;
 }
 
-bool any_good(const std::vector<FoundFace>& faces) {
+bool has_good_fit(const std::vector<FittedFace>& faces) {
   return std::any_of(faces.begin(), faces.end(),
-                     [](const FoundFace& face) { return face.fit.score >= kGoodScore; });
+                     [](const FittedFace& face) { return face.fit.score >= kGoodScore; });
 }
 
 }  // namespace
 
-std::vector<FoundFace> find_faces(const LandmarkModel& model, const FitOptions& options,
-                                  const cv::Mat& gray, FaceFinder& finder, FitWorkspace& workspace,
-                                  double min_score, DebugSink* debug) {
+std::vector<FittedFace> find_faces(const LandmarkModel& model, const FitOptions& options,
+                                   const cv::Mat& gray, FaceFinder& finder, FitWorkspace& workspace,
+                                   double min_score, DebugSink* debug) {
   options.check();
-  std::vector<FoundFace> faces =
-      confirmed(model, options, gray, finder.find(gray), finder, workspace, min_score, debug);
-  if (!any_good(faces)) {
-    if (std::vector<FoundFace> filling =
+  std::vector<FittedFace> faces = fit_all_candidates(model, options, gray, finder.find(gray),
+                                                     finder, workspace, min_score, debug);
+  if (!has_good_fit(faces)) {
+    if (std::vector<FittedFace> filling =
             filling_faces(model, options, gray, finder, workspace, min_score, debug);
         !filling.empty()) {
       std::move(filling.begin(), filling.end(), std::back_inserter(faces));
-      faces = without_repeats(model, std::move(faces));
+      faces = without_duplicates(model, std::move(faces));
     }
   }
   const RolledSearch rolled = finder.rolled_search();
   if (rolled == RolledSearch::kNever || !model.quality) return faces;
-  const auto is_good = [&](const FoundFace& face) { return face.fit.score >= kGoodScore; };
+  const auto is_good = [&](const FittedFace& face) { return face.fit.score >= kGoodScore; };
   if (rolled == RolledSearch::kAuto &&
-      std::any_of(faces.begin(), faces.end(), [&](const FoundFace& face) {
+      std::any_of(faces.begin(), faces.end(), [&](const FittedFace& face) {
         return is_good(face) && std::abs(roll_of(model, face.fit.points)) < kMinRoll;
       }))
     return faces;
-  std::vector<FoundFace> added;
+  std::vector<FittedFace> added;
   for (const Candidate& candidate : finder.find_rolled(gray)) {
     std::optional<Fit> fit =
         fit_rolled(model, options, gray, finder, candidate, workspace, min_score, debug);
     if (!fit) continue;
     const cv::Rect2d area = box_around(model.box, fit->points);
     // A well-fitted upright face is kept.
-    const bool known = std::any_of(faces.begin(), faces.end(), [&](const FoundFace& face) {
+    const bool known = std::any_of(faces.begin(), faces.end(), [&](const FittedFace& face) {
       return is_good(face) &&
-             overlap_of_smaller(area, box_around(model.box, face.fit.points)) > kSameFace;
+             overlap_of_smaller(area, box_around(model.box, face.fit.points)) > kMinOverlap;
     });
-    if (!known) added.push_back({candidate.box, *std::move(fit), candidate.score, candidate.sure});
+    if (!known)
+      added.push_back({candidate.box, *std::move(fit), candidate.score, candidate.confident});
   }
   if (added.empty()) return faces;
   std::move(added.begin(), added.end(), std::back_inserter(faces));
-  return without_repeats(model, std::move(faces));
+  return without_duplicates(model, std::move(faces));
 }
 
 }  // namespace tarsier::face::landmarks

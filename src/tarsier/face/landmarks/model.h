@@ -98,10 +98,11 @@ struct Fit {
 [[nodiscard]] Fit fit_points(const LandmarkModel& model, const FitOptions& options,
                              const cv::Mat& gray, const Eigen::Matrix2Xd& start,
                              FitWorkspace& workspace, DebugSink* debug = nullptr);
-// The mean shape at the position and scale of `points`, as a start for the next frame. With `turn`
+// The mean shape at the position and scale of `points`, as a start for the next frame. With `with_rotation`
 // it also has their rotation.
-[[nodiscard]] Eigen::Matrix2Xd restart(const LandmarkModel& model, const Eigen::Matrix2Xd& points,
-                                       bool turn);
+[[nodiscard]] Eigen::Matrix2Xd start_from_points(const LandmarkModel& model,
+                                                 const Eigen::Matrix2Xd& points,
+                                                 bool with_rotation);
 
 // Faces with a smaller roll are found without turning the image (radians).
 inline constexpr double kMinRoll = 20 * CV_PI / 180;
@@ -113,7 +114,7 @@ inline constexpr double kMinRoll = 20 * CV_PI / 180;
 // Fits a rolled candidate from a start with the same roll. A second fit begins where the first one
 // ended. Returns nothing if one of the two fits scores below `min_score`, or if the roll of the
 // points is below kMinRoll: such a face is found without turning the image. A candidate of which
-// the detector is very sure needs a lower score only. Needs LandmarkModel::quality.
+// the detector is very confident needs a lower score only. Needs LandmarkModel::quality.
 [[nodiscard]] std::optional<Fit> fit_rolled(const LandmarkModel& model, const FitOptions& options,
                                             const cv::Mat& gray, const FaceFinder& finder,
                                             const Candidate& candidate, FitWorkspace& workspace,
@@ -121,17 +122,17 @@ inline constexpr double kMinRoll = 20 * CV_PI / 180;
 // Roll of the points relative to the mean shape, radians, clockwise in the image.
 [[nodiscard]] double roll_of(const LandmarkModel& model, const Eigen::Matrix2Xd& points);
 
-struct FoundFace {
+struct FittedFace {
   cv::Rect2d box;  // as the detector draws it
   Fit fit;
-  double detection = 1;  // score of the detector, 0..1
-  bool sure = true;      // found by the strict search, see Candidate
+  double detection = 1;   // score of the detector, 0..1
+  bool confident = true;  // found by the strict search, see Candidate
 };
 
 // All faces of an image (CV_8UC1), largest first. Of overlapping faces the one with the best score
 // is kept. Scores need LandmarkModel::quality; without it every fit counts as good. The steps:
 // - A face that only the less strict search found needs a score of at least `min_score`.
-// - If the fit of a sure face is bad, other starts around it are tried. The face needs a
+// - If the fit of a confident face is bad, other starts around it are tried. The face needs a
 //   score of 0.1.
 // - Each face is fitted a second time, from the points of its first fit.
 // - If no face has a good fit, the image is searched again with its border pixels repeated around
@@ -140,9 +141,10 @@ struct FoundFace {
 // - If still no face with a roll below kMinRoll has a good fit, the image is turned to both sides
 //   and searched for rolled faces. A rolled face is added if both of its fits are good.
 //   RolledSearch::kAlways does this for every image.
-[[nodiscard]] std::vector<FoundFace> find_faces(const LandmarkModel& model,
-                                                const FitOptions& options, const cv::Mat& gray,
-                                                FaceFinder& finder, FitWorkspace& workspace,
-                                                double min_score = 0.5, DebugSink* debug = nullptr);
+[[nodiscard]] std::vector<FittedFace> find_faces(const LandmarkModel& model,
+                                                 const FitOptions& options, const cv::Mat& gray,
+                                                 FaceFinder& finder, FitWorkspace& workspace,
+                                                 double min_score = 0.5,
+                                                 DebugSink* debug = nullptr);
 
 }  // namespace tarsier::face::landmarks

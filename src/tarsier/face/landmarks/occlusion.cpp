@@ -36,8 +36,9 @@ cv::Mat draw_mask(cv::Size size, const Eigen::Vector2d& center, double reach, Rn
   const int kind = rng.integer(0, 3);
   std::vector<Eigen::Vector2d> outline;
   if (kind == 0) {  // one side of a line
-    constexpr double kFar = 20;
-    outline = {at(0, -kFar), at(0, kFar), at(kFar, kFar), at(kFar, -kFar)};
+    constexpr double kBeyondFace = 20;
+    outline = {at(0, -kBeyondFace), at(0, kBeyondFace), at(kBeyondFace, kBeyondFace),
+               at(kBeyondFace, -kBeyondFace)};
   } else if (kind == 1) {
     outline = {at(-1, -1), at(1, -1), at(1, 1), at(-1, 1)};
   } else {

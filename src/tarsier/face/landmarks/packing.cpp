@@ -16,7 +16,7 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr float kLargest = 32767;
+constexpr float kMaxQuantised = 32767;
 constexpr Eigen::Index kMaxPoints = 500;
 
 }  // namespace
@@ -36,11 +36,11 @@ nlohmann::json packed_short(const Eigen::MatrixXf& matrix) {
   bytes.shape = {matrix.rows(), matrix.cols(), 2};
   for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
     const float largest = matrix.cols() > 0 ? matrix.row(r).cwiseAbs().maxCoeff() : 0.F;
-    const float step = largest > 0 ? largest / kLargest : 1.F;
+    const float step = largest > 0 ? largest / kMaxQuantised : 1.F;
     steps.values.push_back(step);
     for (Eigen::Index c = 0; c < matrix.cols(); ++c) {
       const auto whole = static_cast<std::uint16_t>(static_cast<std::int16_t>(
-          std::clamp(std::round(matrix(r, c) / step), -kLargest, kLargest)));
+          std::clamp(std::round(matrix(r, c) / step), -kMaxQuantised, kMaxQuantised)));
       bytes.values.push_back(static_cast<std::uint8_t>(whole & 0xFF));
       bytes.values.push_back(static_cast<std::uint8_t>(whole >> 8));
     }
@@ -54,15 +54,15 @@ Eigen::MatrixXf unpacked_short(const nlohmann::json& value, const std::string& p
   const PackedArray<std::uint8_t> bytes =
       unpack<std::uint8_t>(member(value, "values", path), path, what, {steps.shape[0], columns, 2});
   Eigen::MatrixXf matrix(bytes.shape[0], bytes.shape[1]);
-  std::size_t place = 0;
+  std::size_t index = 0;
   for (Eigen::Index r = 0; r < matrix.rows(); ++r) {
     const float step = steps.values[static_cast<std::size_t>(r)];
     if (!(step > 0 && step < 1e6F)) {
       throw ModelError(path, fmt::format("{}: step {} of row {}", what, step, r));
     }
-    for (Eigen::Index c = 0; c < matrix.cols(); ++c, place += 2) {
+    for (Eigen::Index c = 0; c < matrix.cols(); ++c, index += 2) {
       const auto whole = static_cast<std::int16_t>(
-          static_cast<std::uint16_t>(bytes.values[place] | (bytes.values[place + 1] << 8)));
+          static_cast<std::uint16_t>(bytes.values[index] | (bytes.values[index + 1] << 8)));
       matrix(r, c) = static_cast<float>(whole) * step;
     }
   }

@@ -42,7 +42,7 @@ void correlate(const float* in, std::size_t in_stride, const float* patch, int s
 // Width of the mean shape.
 [[nodiscard]] double width_of(const Eigen::Matrix2Xd& points);
 
-// Peak of a parabola through three neighbours, -0.5..0.5 from the middle one.
-[[nodiscard]] double parabola_peak(double left, double middle, double right);
+// Peak of a parabola through three neighbours, -0.5..0.5 from the center one.
+[[nodiscard]] double parabola_peak(double left, double center, double right);
 
 }  // namespace tarsier::face::landmarks::detail

@@ -20,7 +20,7 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-constexpr int kLargestSide = 51;  // as in PatchOptions::fields()
+constexpr int kMaxPatchSide = 51;  // as in PatchOptions::fields()
 // Last step, relative to the first one.
 constexpr double kLastStep = 1e-3;
 
@@ -84,10 +84,10 @@ void cut_window(const Source& source, Eigen::Index point, int side, float* out) 
 
 // One row per position of a patch in the window: mean 0, norm 1 (0 if flat).
 void normalised_patches(const float* window, int side, int patch, Rows& rows) {
-  const int places = side - patch + 1;
+  const int positions = side - patch + 1;
   Eigen::Index row = 0;
-  for (int y = 0; y < places; ++y) {
-    for (int x = 0; x < places; ++x, ++row) {
+  for (int y = 0; y < positions; ++y) {
+    for (int x = 0; x < positions; ++x, ++row) {
       for (int py = 0; py < patch; ++py) {
         rows.row(row).segment(py * patch, patch) =
             Eigen::Map<const Eigen::RowVectorXf>(window + (y + py) * side + x, patch);
@@ -103,14 +103,14 @@ void normalised_patches(const float* window, int side, int patch, Rows& rows) {
 struct Trainer {
   const std::vector<Source>& sources;
   const PatchOptions& options;
-  Eigen::VectorXf wished;
+  Eigen::VectorXf desired;
   const std::stop_token& stop;
 
   [[nodiscard]] int window() const { return options.patch + options.search - 1; }
   [[nodiscard]] Eigen::Index taps() const {
     return static_cast<Eigen::Index>(options.patch) * options.patch;
   }
-  [[nodiscard]] Eigen::Index places() const {
+  [[nodiscard]] Eigen::Index positions() const {
     return static_cast<Eigen::Index>(options.search) * options.search;
   }
 
@@ -121,21 +121,22 @@ struct Trainer {
 
 Eigen::VectorXd Trainer::stochastic(Eigen::Index point) const {
   Rng rng = Rng(options.seed).fork(static_cast<std::uint64_t>(point));
-  std::vector<float> cut(static_cast<std::size_t>(window()) * static_cast<std::size_t>(window()));
-  Rows rows(places(), taps());
+  std::vector<float> window_values(static_cast<std::size_t>(window()) *
+                                   static_cast<std::size_t>(window()));
+  Rows rows(positions(), taps());
   Eigen::VectorXf patch = Eigen::VectorXf::Zero(taps());
   // Rows have norm 1, so no eigenvalue of their squares exceeds the number of rows. Steps up to 1 /
-  // places therefore cannot diverge.
-  double step = options.first_step / static_cast<double>(places());
+  // positions therefore cannot diverge.
+  double step = options.first_step / static_cast<double>(positions());
   const double weight =
-      options.lambda * static_cast<double>(places()) / static_cast<double>(taps());
+      options.lambda * static_cast<double>(positions()) / static_cast<double>(taps());
   const double fall = std::pow(kLastStep, 1.0 / options.samples);
   for (int k = 0; k < options.samples && !stop.stop_requested(); ++k, step *= fall) {
     const auto pick =
         static_cast<std::size_t>(rng.integer(0, static_cast<int>(sources.size()) - 1));
-    cut_window(sources[pick], point, window(), cut.data());
-    normalised_patches(cut.data(), window(), options.patch, rows);
-    const Eigen::VectorXf error = rows * patch - wished;
+    cut_window(sources[pick], point, window(), window_values.data());
+    normalised_patches(window_values.data(), window(), options.patch, rows);
+    const Eigen::VectorXf error = rows * patch - desired;
     patch *= static_cast<float>(1 - step * weight);
     patch.noalias() -= static_cast<float>(step) * (rows.transpose() * error);
   }
@@ -143,20 +144,21 @@ Eigen::VectorXd Trainer::stochastic(Eigen::Index point) const {
 }
 
 Eigen::VectorXd Trainer::ridge(Eigen::Index point) const {
-  std::vector<float> cut(static_cast<std::size_t>(window()) * static_cast<std::size_t>(window()));
-  Rows rows(places(), taps());
+  std::vector<float> window_values(static_cast<std::size_t>(window()) *
+                                   static_cast<std::size_t>(window()));
+  Rows rows(positions(), taps());
   Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(taps(), taps());
   Eigen::VectorXd right = Eigen::VectorXd::Zero(taps());
   Eigen::MatrixXf part(taps(), taps());
   for (const Source& source : sources) {
     if (stop.stop_requested()) return right;
-    cut_window(source, point, window(), cut.data());
-    normalised_patches(cut.data(), window(), options.patch, rows);
+    cut_window(source, point, window(), window_values.data());
+    normalised_patches(window_values.data(), window(), options.patch, rows);
     // Single precision is enough for one face, but not for the sum of thousands.
     part.setZero();
     part.selfadjointView<Eigen::Lower>().rankUpdate(rows.transpose());
     normal.triangularView<Eigen::Lower>() += part.cast<double>();
-    right += (rows.transpose() * wished).cast<double>();
+    right += (rows.transpose() * desired).cast<double>();
   }
   normal.diagonal().array() +=
       std::max(options.lambda, 1e-12) * normal.trace() / static_cast<double>(taps()) + 1e-12;
@@ -164,31 +166,31 @@ Eigen::VectorXd Trainer::ridge(Eigen::Index point) const {
 }
 
 Eigen::VectorXd Trainer::average(Eigen::Index point) const {
-  std::vector<float> cut(static_cast<std::size_t>(taps()));
+  std::vector<float> window_values(static_cast<std::size_t>(taps()));
   Rows row(1, taps());
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(taps());
   for (const Source& source : sources) {
     if (stop.stop_requested()) break;
-    cut_window(source, point, options.patch, cut.data());
-    normalised_patches(cut.data(), options.patch, options.patch, row);
+    cut_window(source, point, options.patch, window_values.data());
+    normalised_patches(window_values.data(), options.patch, options.patch, row);
     sum += row.row(0).transpose().cast<double>();
   }
   return sum;
 }
 
 // The desired response: a Gaussian around the middle.
-Eigen::VectorXf wished_response(const PatchOptions& options) {
+Eigen::VectorXf desired_response(const PatchOptions& options) {
   const int half = options.search / 2;
-  Eigen::VectorXf wished(static_cast<Eigen::Index>(options.search) * options.search);
-  Eigen::Index place = 0;
+  Eigen::VectorXf desired(static_cast<Eigen::Index>(options.search) * options.search);
+  Eigen::Index index = 0;
   for (int y = -half; y <= half; ++y)
     for (int x = -half; x <= half; ++x)
-      wished[place++] = static_cast<float>(std::exp(-(x * x + y * y) / (2 * options.variance)));
-  return wished;
+      desired[index++] = static_cast<float>(std::exp(-(x * x + y * y) / (2 * options.variance)));
+  return desired;
 }
 
 // Mean 0, norm 1. A patch without training signal (flat images) stays 0 and gives no response.
-cv::Mat finished(Eigen::VectorXd patch, int side) {
+cv::Mat normalised_patch(Eigen::VectorXd patch, int side) {
   patch.array() -= patch.mean();
   const double norm = patch.norm();
   if (norm > 1e-12) patch /= norm;
@@ -231,8 +233,8 @@ void PatchModels::check() const {
   const double width = detail::width_of(reference);
   TARSIER_REQUIRE(width >= 29 && width <= 401, "the reference is {} px wide, not 30..400", width);
   const int size = side();
-  TARSIER_REQUIRE(size >= 3 && size <= kLargestSide && size % 2 == 1,
-                  "patches are {} px wide, not odd and in 3..{}", size, kLargestSide);
+  TARSIER_REQUIRE(size >= 3 && size <= kMaxPatchSide && size % 2 == 1,
+                  "patches are {} px wide, not odd and in 3..{}", size, kMaxPatchSide);
   for (const cv::Mat& patch : patches) {
     TARSIER_REQUIRE(patch.type() == CV_32FC1 && patch.cols == size && patch.rows == size,
                     "a patch is {}x{}, type {}, not {}x{} floats", patch.cols, patch.rows,
@@ -272,7 +274,7 @@ PatchModels train_patches(const std::vector<TrainingFace>& faces, const shape::S
     sources[k] = source_of(faces[k], model.reference, options.patch + options.search);
   });
 
-  const Trainer trainer{sources, options, wished_response(options), stop};
+  const Trainer trainer{sources, options, desired_response(options), stop};
   progress.begin("patches", shape.points(), "points");
   in_parallel(shape.points(), stop, [&](int i) {
     Eigen::VectorXd patch;
@@ -287,7 +289,7 @@ PatchModels train_patches(const std::vector<TrainingFace>& faces, const shape::S
         patch = trainer.average(i);
         break;
     }
-    model.patches[static_cast<std::size_t>(i)] = finished(std::move(patch), options.patch);
+    model.patches[static_cast<std::size_t>(i)] = normalised_patch(std::move(patch), options.patch);
     progress.advance();
   });
   progress.end();

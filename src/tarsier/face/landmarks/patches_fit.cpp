@@ -40,8 +40,9 @@ void reduce(const cv::Mat& gray, const cv::Rect& around, double scale, Reduced& 
   const cv::Rect whole(0, 0, gray.cols, gray.rows);
   cv::Rect part = around & whole;
   if (part.width < 2 || part.height < 2) part = whole;
-  const int most = std::max(1, std::min(part.width, part.height) / 2);
-  const int step = static_cast<int>(std::clamp(std::round(scale), 1.0, static_cast<double>(most)));
+  const int max_step = std::max(1, std::min(part.width, part.height) / 2);
+  const int step =
+      static_cast<int>(std::clamp(std::round(scale), 1.0, static_cast<double>(max_step)));
   part.width -= part.width % step;
   part.height -= part.height % step;
   out.step = step;
@@ -111,8 +112,8 @@ double width_of(const Eigen::Matrix2Xd& points) {
   return points.row(0).maxCoeff() - points.row(0).minCoeff();
 }
 
-double parabola_peak(double left, double middle, double right) {
-  const double curve = left - 2 * middle + right;
+double parabola_peak(double left, double center, double right) {
+  const double curve = left - 2 * center + right;
   return curve < -1e-12 ? std::clamp(0.5 * (left - right) / curve, -0.5, 0.5) : 0;
 }
 
@@ -280,12 +281,12 @@ double find_peak(const Responses& responses, Eigen::Index point, Eigen::Vector2d
   }
   const auto value = [&](int x, int y) { return static_cast<double>(responses.row(point, y)[x]); };
   at = responses.corner.col(point) + Eigen::Vector2d(bx, by);
-  const double middle = static_cast<double>(best);
+  const double peak = static_cast<double>(best);
   if (bx > 0 && bx < side - 1)
-    at.x() += detail::parabola_peak(value(bx - 1, by), middle, value(bx + 1, by));
+    at.x() += detail::parabola_peak(value(bx - 1, by), peak, value(bx + 1, by));
   if (by > 0 && by < side - 1)
-    at.y() += detail::parabola_peak(value(bx, by - 1), middle, value(bx, by + 1));
-  return middle;
+    at.y() += detail::parabola_peak(value(bx, by - 1), peak, value(bx, by + 1));
+  return peak;
 }
 
 // The response at a position in the frame, interpolated.
@@ -306,7 +307,7 @@ double response_at(const Responses& responses, Eigen::Index point, const Eigen::
 }
 
 // Converts responses to probabilities (up to a factor), separately for each point.
-void to_chances(const Responses& responses, int points, double sharpness, Responses& out) {
+void to_probabilities(const Responses& responses, int points, double sharpness, Responses& out) {
   out.side = responses.side;
   out.corner = responses.corner;
   out.values.create(responses.values.size(), CV_32FC1);
@@ -318,11 +319,11 @@ void to_chances(const Responses& responses, int points, double sharpness, Respon
 }
 
 // Mean of the window, weighted by the probabilities and a Gaussian with that variance around `at`.
-Eigen::Vector2d shifted_mean(const Responses& chances, Eigen::Index point,
+Eigen::Vector2d shifted_mean(const Responses& probabilities, Eigen::Index point,
                              const Eigen::Vector2d& at, double variance,
                              std::vector<float>& kernel) {
-  const int side = chances.side;
-  const Eigen::Vector2d local = at - chances.corner.col(point);
+  const int side = probabilities.side;
+  const Eigen::Vector2d local = at - probabilities.corner.col(point);
   // Outside the window all weights could vanish, so the nearest position in the window is used.
   const Eigen::Vector2d around = local.cwiseMax(0.0).cwiseMin(side - 1.0);
   kernel.resize(static_cast<std::size_t>(2 * side));
@@ -337,7 +338,7 @@ Eigen::Vector2d shifted_mean(const Responses& chances, Eigen::Index point,
   double sum_x = 0;
   double sum_y = 0;
   for (int y = 0; y < side; ++y) {
-    const float* row = chances.row(point, y);
+    const float* row = probabilities.row(point, y);
     float weight = 0;
     float moment = 0;
     for (int x = 0; x < side; ++x) {
@@ -351,21 +352,21 @@ Eigen::Vector2d shifted_mean(const Responses& chances, Eigen::Index point,
     sum_y += down * static_cast<double>(weight) * y;
   }
   if (!(total > 0)) return at;
-  return chances.corner.col(point) + Eigen::Vector2d(sum_x / total, sum_y / total);
+  return probabilities.corner.col(point) + Eigen::Vector2d(sum_x / total, sum_y / total);
 }
 
 // Distances below this share of the window do not count as disagreement: the points may still be
 // converging, such as those of an opening mouth.
-constexpr double kAgreement = 0.1;
+constexpr double kMinDisagreement = 0.1;
 
-// Geman and McClure's weight, with a scale from the median distance, at least `least`.
-void weigh(const Eigen::Matrix2Xd& targets, const Eigen::Matrix2Xd& points, double least,
-           std::vector<double>& scratch, Eigen::VectorXd& weights) {
+// Geman and McClure's weight, with a scale from the median distance, at least `min_scale`.
+void reweight(const Eigen::Matrix2Xd& targets, const Eigen::Matrix2Xd& points, double min_scale,
+              std::vector<double>& scratch, Eigen::VectorXd& weights) {
   const Eigen::VectorXd squares = (targets - points).colwise().squaredNorm();
   scratch.assign(squares.begin(), squares.end());
-  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
-  std::nth_element(scratch.begin(), middle, scratch.end());
-  const double scale = 4 * std::max(*middle, least * least);
+  const auto median = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
+  std::nth_element(scratch.begin(), median, scratch.end());
+  const double scale = 4 * std::max(*median, min_scale * min_scale);
   for (Eigen::Index i = 0; i < weights.size(); ++i) {
     const double share = scale / (scale + squares[i]);
     weights[i] *= share * share;
@@ -453,10 +454,10 @@ PatchFit fit_patches(const PatchModels& model, const shape::ShapeModel& shape,
 
   ShapeSolver solver(shape, options.noise, options.sigmas);
   Responses responses;
-  Responses chances;
+  Responses probabilities;
   responses.values = workspace.buffers[2];
   if (workspace.buffers.size() < 5) workspace.buffers.resize(5);
-  chances.values = workspace.buffers[4];
+  probabilities.values = workspace.buffers[4];
   Eigen::Matrix2Xd targets(2, n);
   Eigen::VectorXd weights(n);
   Eigen::VectorXd heights(n);
@@ -477,7 +478,7 @@ PatchFit fit_patches(const PatchModels& model, const shape::ShapeModel& shape,
     respond(model, points, workspace, responses);
     const bool shifting = options.target == PatchTarget::kMeanShift;
     if (shifting) {
-      to_chances(responses, n, options.sharpness, chances);
+      to_probabilities(responses, n, options.sharpness, probabilities);
     } else {
       for (Eigen::Index i = 0; i < n; ++i) {
         Eigen::Vector2d at;
@@ -489,25 +490,26 @@ PatchFit fit_patches(const PatchModels& model, const shape::ShapeModel& shape,
     for (int iteration = 0; iteration < options.iterations; ++iteration) {
       if (shifting) {
         for (Eigen::Index i = 0; i < n; ++i) {
-          targets.col(i) = shifted_mean(chances, i, points.col(i), deviation * deviation, kernel);
+          targets.col(i) =
+              shifted_mean(probabilities, i, points.col(i), deviation * deviation, kernel);
           heights[i] = std::max(0.01, response_at(responses, i, targets.col(i)));
         }
       }
       weights = heights;
       // In the first step there is no fitted shape that points could disagree with.
       if (options.robust && (shifting || iteration > 0))
-        weigh(targets, points, kAgreement * responses.side, scratch, weights);
+        reweight(targets, points, kMinDisagreement * responses.side, scratch, weights);
       solver.step(targets, weights / std::max(weights.mean(), 1e-9), pose);
       const Eigen::Matrix2Xd moved = solver.points(pose);
-      const double most = (moved - points).colwise().norm().maxCoeff();
+      const double max_move = (moved - points).colwise().norm().maxCoeff();
       points = moved;
-      if (most <= still) break;
+      if (max_move <= still) break;
     }
     image_from_model = image_from_frame * pose.frame_from_model;
     if (!(image_from_model.scale() > 1e-6)) break;  // degenerate shape
   }
   workspace.buffers[2] = responses.values;
-  workspace.buffers[4] = chances.values;
+  workspace.buffers[4] = probabilities.values;
 
   PatchFit fit;
   fit.points = image_from_frame(points);

@@ -15,15 +15,15 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-const cv::Scalar kGround(48, 40, 36);
+const cv::Scalar kBackground(48, 40, 36);
 const cv::Scalar kLine(110, 90, 70);
 const cv::Scalar kAccent(60, 200, 255);
 constexpr int kShortestCell = 48;  // px
 
-// Maps values -most..most to black..white.
-cv::Mat as_gray(const cv::Mat& values, double most) {
+// Maps values -max_abs..max_abs to black..white.
+cv::Mat as_gray(const cv::Mat& values, double max_abs) {
   cv::Mat gray;
-  values.convertTo(gray, CV_8UC1, most > 0 ? 127.0 / most : 0, 128);
+  values.convertTo(gray, CV_8UC1, max_abs > 0 ? 127.0 / max_abs : 0, 128);
   return gray;
 }
 
@@ -64,13 +64,13 @@ cv::Mat draw_patches(const PatchModels& model, const shape::ShapeModel& shape, i
   const Eigen::Vector2d high = model.reference.rowwise().maxCoeff().array() + margin;
   const cv::Size size(static_cast<int>(std::ceil((high.x() - low.x()) * zoom)) + 1,
                       static_cast<int>(std::ceil((high.y() - low.y()) * zoom)) + 1);
-  const auto place = [&](Eigen::Index i) {
+  const auto position_of = [&](Eigen::Index i) {
     return cv::Point2d((model.reference(0, i) - low.x()) * zoom,
                        (model.reference(1, i) - low.y()) * zoom);
   };
   const int side = model.side() * zoom;
   const auto box_of = [&](int i) {
-    const cv::Point2d at = place(i);
+    const cv::Point2d at = position_of(i);
     return cv::Rect(static_cast<int>(std::lround(at.x - side / 2.0)),
                     static_cast<int>(std::lround(at.y - side / 2.0)), side, side);
   };
@@ -80,22 +80,23 @@ cv::Mat draw_patches(const PatchModels& model, const shape::ShapeModel& shape, i
   cv::Mat count(size, CV_32FC1, cv::Scalar(0));
   for (int i = 0; i < n; ++i) {
     const cv::Mat& patch = model.patches[static_cast<std::size_t>(i)];
-    const double most = largest(patch);
+    const double max_abs = largest(patch);
     const cv::Rect box = box_of(i);
-    if (most > 0) sum(box) += enlarged(patch, zoom) / most;
+    if (max_abs > 0) sum(box) += enlarged(patch, zoom) / max_abs;
     count(box) += 1;
   }
   cv::Mat mean;
   cv::divide(sum, cv::max(count, 1.0), mean);
-  cv::Mat canvas(size, CV_8UC3, kGround);
+  cv::Mat canvas(size, CV_8UC3, kBackground);
   cv::Mat gray;
   cv::cvtColor(as_gray(mean, 0.7), gray, cv::COLOR_GRAY2BGR);
   gray.copyTo(canvas, count > 0);
   for (const auto& [first, second] : shape.connections) {
     if (std::min(first, second) < 0 || std::max(first, second) >= n) continue;
-    cv::line(canvas, cv::Point(place(first)), cv::Point(place(second)), kLine, 1, cv::LINE_AA);
+    cv::line(canvas, cv::Point(position_of(first)), cv::Point(position_of(second)), kLine, 1,
+             cv::LINE_AA);
   }
-  for (int i = 0; i < n; ++i) image::draw::point(canvas, place(i), kAccent, 0.4 * zoom + 0.6);
+  for (int i = 0; i < n; ++i) image::draw::point(canvas, position_of(i), kAccent, 0.4 * zoom + 0.6);
   if (point >= 0) {
     const cv::Rect box = box_of(point);
     const cv::Mat& patch = model.patches[static_cast<std::size_t>(point)];
@@ -123,18 +124,18 @@ cv::Mat draw_patch(const PatchModels& model, int point, int side) {
   cv::Sobel(patch, dx, CV_32F, 1, 0);
   cv::Sobel(patch, dy, CV_32F, 0, 1);
   cv::cartToPolar(dx, dy, strength, angle, true);
-  const double most = largest(strength);
+  const double max_abs = largest(strength);
   cv::Mat channels[3];
   angle.convertTo(channels[0], CV_8UC1, 0.5);
   channels[1] = cv::Mat(patch.size(), CV_8UC1, cv::Scalar(200));
-  strength.convertTo(channels[2], CV_8UC1, most > 0 ? 255 / most : 0);
+  strength.convertTo(channels[2], CV_8UC1, max_abs > 0 ? 255 / max_abs : 0);
   cv::Mat hue;
   cv::merge(channels, 3, hue);
   cv::cvtColor(hue, hue, cv::COLOR_HSV2BGR);
   cv::Mat right;
   cv::resize(hue, right, {side, side}, 0, 0, cv::INTER_NEAREST);
   const int gap = side / 10;
-  cv::Mat canvas(side, 2 * side + gap, CV_8UC3, kGround);
+  cv::Mat canvas(side, 2 * side + gap, CV_8UC3, kBackground);
   left.copyTo(canvas(cv::Rect(0, 0, side, side)));
   right.copyTo(canvas(cv::Rect(side + gap, 0, side, side)));
   return canvas;
@@ -186,12 +187,13 @@ cv::Mat draw_response(const PointResponse& response, int side) {
   cv::Mat shown;
   cv::cvtColor(enlarged(response.window, zoom), shown, cv::COLOR_GRAY2BGR);
   shown.copyTo(canvas(left));
-  double least = 0;
+  double min_response = 0;
   double best = 0;
-  cv::minMaxLoc(response.response, &least, &best);
+  cv::minMaxLoc(response.response, &min_response, &best);
   cv::Mat levels;
-  response.response.convertTo(levels, CV_8UC1, best > least ? 255 / (best - least) : 0,
-                              best > least ? -255 * least / (best - least) : 0);
+  response.response.convertTo(
+      levels, CV_8UC1, best > min_response ? 255 / (best - min_response) : 0,
+      best > min_response ? -255 * min_response / (best - min_response) : 0);
   cv::applyColorMap(enlarged(levels, zoom), shown, cv::COLORMAP_VIRIDIS);
   shown.copyTo(canvas(right));
   // The point is the centre of both images; the disk marks the peak.
@@ -220,7 +222,7 @@ cv::Mat draw_responses(const PatchModels& model, const cv::Mat& gray,
                       std::lround(std::sqrt(n * (4.0 / 3) * (side + label) / (2.0 * side + gap)))));
   const int rows = (n + columns - 1) / columns;
   cv::Mat sheet(rows * (side + label + gap) + gap, columns * (2 * side + 2 * gap) + gap, CV_8UC3,
-                kGround);
+                kBackground);
   for (int i = 0; i < n; ++i) {
     const PointResponse& response = responses[static_cast<std::size_t>(i)];
     const cv::Point corner(gap + (i % columns) * (2 * side + 2 * gap),

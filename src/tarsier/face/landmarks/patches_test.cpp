@@ -69,7 +69,7 @@ cv::Mat paint(cv::Size size, const Similarity2d& image_from_face, const Texture&
   return gray;
 }
 
-Similarity2d random_place(Rng& rng, double scale) {
+Similarity2d random_similarity(Rng& rng, double scale) {
   const double s = scale * rng.uniform(0.9, 1.1);
   const double angle = rng.uniform(-0.15, 0.15);
   return {s * std::cos(angle), s * std::sin(angle), 110 * scale + rng.uniform(-3, 3),
@@ -77,11 +77,11 @@ Similarity2d random_place(Rng& rng, double scale) {
 }
 
 TrainingFace textured_face(Rng& rng, const Texture& texture, double scale) {
-  const Similarity2d place = random_place(rng, scale);
+  const Similarity2d similarity = random_similarity(rng, scale);
   const auto side = [&](double px) { return static_cast<int>(px * scale); };
   TrainingFace face;
-  face.gray = paint({side(220), side(200)}, place, texture, 4, rng);
-  face.points = place(face_points());
+  face.gray = paint({side(220), side(200)}, similarity, texture, 4, rng);
+  face.points = similarity(face_points());
   return face;
 }
 
@@ -95,9 +95,9 @@ Eigen::Matrix2Xd opened(double amount) {
 }
 
 TrainingFace blob_face(Rng& rng, double opening) {
-  const Similarity2d place = random_place(rng, 1);
+  const Similarity2d similarity = random_similarity(rng, 1);
   TrainingFace face;
-  face.points = place(opened(opening));
+  face.points = similarity(opened(opening));
   face.gray.create(200, 220, CV_8UC1);
   for (int y = 0; y < face.gray.rows; ++y) {
     for (int x = 0; x < face.gray.cols; ++x) {
@@ -206,7 +206,7 @@ class PatchBias : public testing::TestWithParam<PatchMethod> {};
 
 // Windows of held-out faces, sampled from the formula with the point exactly in the middle. A
 // half-pixel error anywhere in training moves the peak off the middle.
-TEST_P(PatchBias, PeaksAreAtThePoints) {
+TEST_P(PatchBias, ResponsePeaksAreUnbiased) {
   for (const double scale : {0.8, 1.7}) {
     const Trained& model = textured(GetParam(), scale);
     Rng rng(5);
@@ -218,7 +218,7 @@ TEST_P(PatchBias, PeaksAreAtThePoints) {
     int count = 0;
     for (int k = 0; k < 20; ++k) {
       // From the patches' frame to the texture: turned and shifted by parts of a pixel.
-      const Eigen::Matrix2Xd points = random_place(rng, 1)(face_points());
+      const Eigen::Matrix2Xd points = random_similarity(rng, 1)(face_points());
       const Similarity2d photo_from_frame = shape::fit_similarity(model.patches.reference, points);
       const Similarity2d face_from_photo = shape::fit_similarity(points, face_points());
       for (int i = 0; i < model.patches.points(); ++i) {
@@ -249,7 +249,7 @@ TEST_P(PatchBias, PeaksAreAtThePoints) {
 }
 
 // The same for the whole fit, with its warps and downscaling.
-TEST_P(PatchBias, FitsAreAtThePoints) {
+TEST_P(PatchBias, FitsAreUnbiased) {
   for (const double scale : {0.8, 1.7}) {
     const Trained& model = textured(GetParam(), scale);
     Rng rng(5);
@@ -292,7 +292,7 @@ INSTANTIATE_TEST_SUITE_P(Methods, PatchBias,
                                                                          : "Stochastic";
                          });
 
-TEST(PatchResponse, IsOneOnThePatchItselfAndZeroOnFlatGround) {
+TEST(PatchResponse, IsOneAtThePatchAndZeroOnUniformAreas) {
   Rng rng(3);
   cv::Mat window(21, 25, CV_32FC1);
   for (auto it = window.begin<float>(); it != window.end<float>(); ++it)
@@ -305,12 +305,12 @@ TEST(PatchResponse, IsOneOnThePatchItselfAndZeroOnFlatGround) {
   const cv::Mat response = patch_response(patch, window);
   EXPECT_EQ(response.size(), cv::Size(19, 15));
   EXPECT_NEAR(response.at<float>(5, 12), 1, 1e-5);
-  double least = 0;
-  double most = 0;
+  double min_response = 0;
+  double max_response = 0;
   cv::Point at;
-  cv::minMaxLoc(response, &least, &most, nullptr, &at);
+  cv::minMaxLoc(response, &min_response, &max_response, nullptr, &at);
   EXPECT_EQ(at, cv::Point(12, 5));
-  EXPECT_GE(least, -1);
+  EXPECT_GE(min_response, -1);
   // Compares one position with the direct definition.
   cv::Mat part;
   cv::log(window(cv::Rect(3, 2, 7, 7)) + 1, part);
@@ -366,7 +366,7 @@ TEST(PatchFit, ConvergesFromAShiftOfATenthOfTheFace) {
   }
 }
 
-TEST(PatchFit, OneHiddenPointDoesNotDragTheOthers) {
+TEST(PatchFit, HiddenPointDoesNotMoveTheOthers) {
   const Trained& model = blobs();
   Rng rng(33);
   TrainingFace face = blob_face(rng, 5);
@@ -385,7 +385,7 @@ TEST(PatchFit, OneHiddenPointDoesNotDragTheOthers) {
   EXPECT_LT(mean_distance(fit.points, face.points), 1);
 }
 
-TEST(PatchFit, StaysFiniteWhereThereIsNothing) {
+TEST(PatchFit, StaysFiniteOnUniformImages) {
   const Trained& model = blobs();
   PatchWorkspace workspace;
   const cv::Mat flat(40, 60, CV_8UC1, cv::Scalar(90));
@@ -432,7 +432,7 @@ TEST(PatchTraining, IsTheSameForAnyNumberOfThreads) {
   cv::setNumThreads(before);
 }
 
-TEST(PatchTraining, StopsAndRefuses) {
+TEST(PatchTraining, CanBeInterruptedAndRejectsInvalidInput) {
   Rng rng(1);
   std::vector<TrainingFace> faces;
   for (int k = 0; k < 4; ++k) faces.push_back(blob_face(rng, 3.0 * k));
@@ -453,7 +453,7 @@ TEST(PatchTraining, StopsAndRefuses) {
   EXPECT_THROW((void)train(faces, shape, small_options()), std::invalid_argument);
 }
 
-TEST(PatchFile, ReadsWhatItWrites) {
+TEST(PatchFile, JsonRoundTrip) {
   const Trained& model = blobs();
   const PatchModels again =
       patch_models_from_json(nlohmann::json::parse(to_json(model.patches).dump()), "m.json");

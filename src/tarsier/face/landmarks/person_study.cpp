@@ -12,7 +12,7 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr std::size_t kFewest = 4;
+constexpr std::size_t kMinImages = 4;
 constexpr int kSpecificStarts = 40;
 constexpr int kGenericStarts = 12;
 constexpr int kTestStarts = 5;
@@ -58,7 +58,7 @@ PersonStudy study_persons(const shape::LandmarkSet& set, const std::array<int, 2
   for (const auto& [person, own] : people) {
     throw_if_stopped(stop);
     progress.advance();
-    if (own.size() < kFewest || people.size() < 2) continue;
+    if (own.size() < kMinImages || people.size() < 2) continue;
     const auto half = own.begin() + static_cast<std::ptrdiff_t>(own.size() / 2);
     const std::vector<TrainingFace> train(own.begin(), half);
     const std::vector<TrainingFace> test(half, own.end());

@@ -15,11 +15,11 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr double kGood = 0.02;  // error, share of the shape's size
-constexpr double kBad = 0.20;
+constexpr double kGoodError = 0.02;  // error, share of the shape's size
+constexpr double kBadError = 0.20;
 
-float worth(double error) {
-  return static_cast<float>(std::clamp((kBad - error) / (kBad - kGood), 0.0, 1.0));
+float target_quality(double error) {
+  return static_cast<float>(std::clamp((kBadError - error) / (kBadError - kGoodError), 0.0, 1.0));
 }
 
 // Not at a finer resolution than the frame needs. Shapes far from a face are evaluated where they
@@ -85,7 +85,7 @@ Quality train_quality(const std::vector<TrainingFace>& faces, const std::vector<
       features_at(model, face.gray, fit.points, workspace, features.row(i));
       const double error =
           (fit.points - face.points).colwise().norm().mean() / shape_size(face.points);
-      targets.row(i)[0] = worth(error);
+      targets.row(i)[0] = target_quality(error);
     }
   });
   throw_if_stopped(stop);

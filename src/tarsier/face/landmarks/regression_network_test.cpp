@@ -26,7 +26,7 @@ double mean_distance(const Eigen::Matrix2Xd& a, const Eigen::Matrix2Xd& b) {
   return (a - b).colwise().norm().mean();
 }
 
-TEST(RegressionNetwork, FindsThePointsOfOtherFaces) {
+TEST(RegressionNetwork, FitsUnseenFaces) {
   TARSIER_LONG_TEST();
   const RegressionNetwork model = train(testing::blob_faces(40, 7), 90);
   const std::vector<TrainingFace> others = testing::blob_faces(20, 99);
@@ -43,13 +43,13 @@ TEST(RegressionNetwork, FindsThePointsOfOtherFaces) {
 }
 
 // The result depends on the position of the start, not on its shape.
-TEST(RegressionNetwork, LooksOnlyAtWhereTheStartLies) {
+TEST(RegressionNetwork, UsesOnlyTheSimilarityOfTheStart) {
   const std::vector<TrainingFace> faces = testing::blob_faces(6, 3);
   const RegressionNetwork model = train(faces, 2);
   RegressionNetworkWorkspace workspace;
-  const shape::Similarity2d place = shape::fit_similarity(model.mean, faces[0].points);
+  const shape::Similarity2d similarity = shape::fit_similarity(model.mean, faces[0].points);
   const Eigen::Matrix2Xd a = fit_network(model, faces[0].gray, faces[0].points, workspace);
-  const Eigen::Matrix2Xd b = fit_network(model, faces[0].gray, place(model.mean), workspace);
+  const Eigen::Matrix2Xd b = fit_network(model, faces[0].gray, similarity(model.mean), workspace);
   EXPECT_LT((a - b).cwiseAbs().maxCoeff(), 1e-6);
 }
 
@@ -64,7 +64,7 @@ TEST(RegressionNetwork, IsTheSameForAnyNumberOfThreads) {
   EXPECT_EQ(one, four);
 }
 
-TEST(RegressionNetwork, IsReadAsItWasWritten) {
+TEST(RegressionNetwork, JsonRoundTrip) {
   const std::vector<TrainingFace> faces = testing::blob_faces(6, 3);
   const RegressionNetwork model = train(faces, 2);
   const nlohmann::json written = to_json(model);
@@ -78,7 +78,7 @@ TEST(RegressionNetwork, IsReadAsItWasWritten) {
   EXPECT_THROW((void)regression_network_from_json(broken, "file"), ModelError);
 }
 
-TEST(RegressionNetwork, RefusesWhatDoesNotFit) {
+TEST(RegressionNetwork, RejectsInvalidInput) {
   const std::vector<TrainingFace> faces = testing::blob_faces(6, 3);
   EXPECT_THROW((void)train({faces.front()}, 2), std::invalid_argument);
   const RegressionNetwork model = train(faces, 2);
@@ -91,7 +91,7 @@ TEST(RegressionNetwork, RefusesWhatDoesNotFit) {
 }
 
 // The mean of all parts moves towards the network, more if trees and descent disagree more.
-TEST(RegressionNetwork, IsAPartOfTheMean) {
+TEST(RegressionNetwork, IsIncludedInTheMeanOfTheMethods) {
   const std::vector<TrainingFace> faces = testing::blob_faces(20, 5);
   LandmarkModel model;
   NoProgress silent;
@@ -117,12 +117,12 @@ TEST(RegressionNetwork, IsAPartOfTheMean) {
   by_trees.method = FitMethod::kTrees;
   FitOptions by_descent;
   by_descent.method = FitMethod::kDescent;
-  const double apart =
+  const double distance =
       mean_distance(fit_points(model, by_trees, faces[0].gray, start, workspace).points,
                     fit_points(model, by_descent, faces[0].gray, start, workspace).points) /
       shape_size(without);
-  ASSERT_GT(apart, 0.01);
-  const double share = apart * apart / (apart * apart + 0.08 * 0.08);
+  ASSERT_GT(distance, 0.01);
+  const double share = distance * distance / (distance * distance + 0.08 * 0.08);
   EXPECT_LT((with - (without + share * (alone - without))).cwiseAbs().maxCoeff(), 1e-9);
   EXPECT_GT((with - without).cwiseAbs().maxCoeff(), 1e-3);
 }

@@ -17,9 +17,9 @@ namespace {
 
 constexpr double kRounding = 0.004;  // rounds the loss near 0, shares of the shape's size
 // Offsets of starts from the face, standard deviations at a spread of 1; spreads are uniform.
-constexpr double kShift = 0.08;  // shares of the size
-constexpr double kScale = 0.08;  // of the logarithm
-constexpr double kTurn = 0.15;   // radians
+constexpr double kShift = 0.08;     // shares of the size
+constexpr double kScale = 0.08;     // of the logarithm
+constexpr double kRotation = 0.15;  // radians
 constexpr double kMinSpread = 0.1;
 constexpr double kMaxSpread = 1.2;
 
@@ -45,7 +45,7 @@ linalg::Network untrained(int points) {
 }
 
 // Changes light and sharpness like another camera.
-void change_look(cv::Mat& gray, Rng& rng) {
+void change_lighting(cv::Mat& gray, Rng& rng) {
   if (rng.uniform() < 0.5) {
     const double gamma = std::exp(rng.normal(0, 0.35));
     std::array<std::uint8_t, 256> table{};
@@ -66,14 +66,14 @@ Eigen::Matrix2Xd scattered_start(const Eigen::Matrix2Xd& mean, const TrainingFac
   const double spread = rng.uniform(kMinSpread, kMaxSpread);
   const Eigen::Vector2d center = face.points.rowwise().mean();
   const double size = shape_size(face.points);
-  const double turn = rng.normal(0, kTurn * spread);
+  const double turn = rng.normal(0, kRotation * spread);
   const double scale = size * std::exp(rng.normal(0, kScale * spread));
   const double across = rng.normal(0, kShift * spread);
   const double down = rng.normal(0, kShift * spread);
   const double angle = shape::fit_similarity(mean, face.points).angle() + turn;
-  const shape::Similarity2d place{scale * std::cos(angle), scale * std::sin(angle),
-                                  center.x() + size * across, center.y() + size * down};
-  return place(mean);
+  const shape::Similarity2d similarity{scale * std::cos(angle), scale * std::sin(angle),
+                                       center.x() + size * across, center.y() + size * down};
+  return similarity(mean);
 }
 
 // The network's input for face `f`, and the offsets of its points from those of the mean.
@@ -88,7 +88,7 @@ void make_example(const std::vector<TrainingFace>& faces, std::size_t f,
     const auto other = (f + static_cast<std::size_t>(rng.integer(1, others))) % faces.size();
     (void)draw_occlusion(gray, face.points, faces[other].gray, rng);
   }
-  change_look(gray, rng);
+  change_lighting(gray, rng);
   const Eigen::Matrix2Xd start = scattered_start(mean, face, rng);
   face_input(mean, gray, start, kNetworkSide, kNetworkScale, input);
   example.shape = {1, kNetworkSide, kNetworkSide};

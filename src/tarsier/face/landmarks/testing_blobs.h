@@ -41,11 +41,11 @@ inline cv::Mat draw_blobs(const Eigen::Matrix2Xd& points, double unit, cv::Size 
 inline TrainingFace blob_face(Rng& rng, cv::Size size = {160, 160}) {
   const double unit = rng.uniform(24, 32);
   const double angle = rng.normal(0, 0.08);
-  const shape::Similarity2d place{unit * std::cos(angle), unit * std::sin(angle),
-                                  size.width / 2.0 + rng.uniform(-8, 8),
-                                  size.height / 2.0 + rng.uniform(-8, 8)};
+  const shape::Similarity2d similarity{unit * std::cos(angle), unit * std::sin(angle),
+                                       size.width / 2.0 + rng.uniform(-8, 8),
+                                       size.height / 2.0 + rng.uniform(-8, 8)};
   TrainingFace face;
-  face.points = place(blob_shape(rng.uniform(-0.2, 0.2)));
+  face.points = similarity(blob_shape(rng.uniform(-0.2, 0.2)));
   face.gray = draw_blobs(face.points, unit, size, rng);
   return face;
 }

@@ -12,9 +12,9 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr int kCascadesEvery = 4;  // searches
+constexpr int kCascadeInterval = 4;  // searches
 // Share of the longer side: width of the smallest rolled face.
-constexpr double kRolledShare = 0.05;
+constexpr double kMinRolledShare = 0.05;
 
 // Distance between two faces' centres, in sizes of the second.
 double distance(const cv::Rect2d& a, const cv::Rect2d& b) {
@@ -43,22 +43,22 @@ class Step {
         workspace_(workspace),
         debug_(debug) {}
 
-  void follow() {
+  void track_known_faces() {
     for (TrackerState::Track& track : state_.tracks) {
       if (track.lost) continue;
-      const Eigen::Matrix2Xd start = restart(model_, track.raw, true);
+      const Eigen::Matrix2Xd start = start_from_points(model_, track.raw, true);
       Fit fit = fit_points(model_, fit_, gray_, start, workspace_, debug_);
       if (fit.score < options_.min_score) {
         // The face may have rotated too far: try upright at the same position.
-        Fit again =
-            fit_points(model_, fit_, gray_, restart(model_, track.raw, false), workspace_, debug_);
+        Fit again = fit_points(model_, fit_, gray_, start_from_points(model_, track.raw, false),
+                               workspace_, debug_);
         if (again.score > fit.score) fit = std::move(again);
       }
       const bool jumped = shape_size(fit.points) < 0.5 * shape_size(track.raw) ||
                           shape_size(fit.points) > 2 * shape_size(track.raw);
-      if (fit.score < options_.min_score || jumped || !take(track, fit)) track.lost = true;
+      if (fit.score < options_.min_score || jumped || !update_track(track, fit)) track.lost = true;
     }
-    drop_doubles();
+    drop_duplicates();
   }
 
   // Searches for faces that are not tracked.
@@ -72,98 +72,99 @@ class Step {
     if (due) state_.until_search = options_.search_every;
     if (!state_.searched) {
       state_.searched = true;
-      take_new(finder_.find(gray_));
-      if (looks_for_rolled()) take_rolled(finder_.find_rolled(gray_));
+      start_new_tracks(finder_.find(gray_));
+      if (searches_rolled()) start_rolled_tracks(finder_.find_rolled(gray_));
       return;
     }
     // Search for lost faces before new faces get their ids.
-    const std::vector<Place> places = places_of_lost();
-    for (const Place& place : places) take_new(finder_.find_in(gray_, tile_around(place.box)));
-    for (const Place& place : places) {
-      if (std::abs(place.roll) < kMinRoll || std::abs(place.roll) > CV_PI / 2) continue;
-      if (looks_for_rolled())
-        take_rolled(finder_.find_rolled_in(gray_, tile_around(place.box), place.roll));
+    const std::vector<LostFace> faces = lost_faces();
+    for (const LostFace& face : faces)
+      start_new_tracks(finder_.find_in(gray_, tile_around(face.box)));
+    for (const LostFace& face : faces) {
+      if (std::abs(face.roll) < kMinRoll || std::abs(face.roll) > CV_PI / 2) continue;
+      if (searches_rolled())
+        start_rolled_tracks(finder_.find_rolled_in(gray_, tile_around(face.box), face.roll));
     }
-    if (due || !places.empty()) {
-      const bool calm = places.empty() && count_followed() > 0;
-      const bool cascades = !calm || state_.calm_searches++ % kCascadesEvery == 0;
-      take_new(finder_.find_in(gray_, state_.plan.whole, cascades));
+    if (due || !faces.empty()) {
+      const bool calm = faces.empty() && count_tracked() > 0;
+      const bool cascades = !calm || state_.calm_searches++ % kCascadeInterval == 0;
+      start_new_tracks(finder_.find_in(gray_, state_.plan.whole, cascades));
     }
-    if (due && looks_for_rolled()) {
+    if (due && searches_rolled()) {
       state_.to_left = !state_.to_left;
       // Min face size for which the cost does not depend on the image size.
-      const double smallest =
-          std::max(finder_.min_face(gray_.size()), kRolledShare * std::max(gray_.cols, gray_.rows));
+      const double smallest = std::max(finder_.min_face(gray_.size()),
+                                       kMinRolledShare * std::max(gray_.cols, gray_.rows));
       const SearchTile whole{cv::Rect(0, 0, gray_.cols, gray_.rows), smallest, 0};
-      take_rolled(
+      start_rolled_tracks(
           finder_.find_rolled_in(gray_, whole, state_.to_left ? -kSearchRoll : kSearchRoll));
     }
     if (state_.plan.tiles.empty()) return;
-    take_new(finder_.find_in(gray_, state_.plan.tiles[state_.next_tile]));
+    start_new_tracks(finder_.find_in(gray_, state_.plan.tiles[state_.next_tile]));
     state_.next_tile = (state_.next_tile + 1) % state_.plan.tiles.size();
   }
 
-  void forget() {
+  void erase_old_tracks() {
     std::erase_if(state_.tracks, [&](const TrackerState::Track& track) {
-      return track.lost && state_.time - track.seen > options_.remember_s;
+      return track.lost && state_.time - track.last_fit_s > options_.remember_s;
     });
   }
 
  private:
-  void take_new(const std::vector<Candidate>& candidates) {
+  void start_new_tracks(const std::vector<Candidate>& candidates) {
     for (const Candidate& candidate : candidates) {
-      if (is_followed(candidate.box)) continue;
-      if (count_followed() >= options_.max_faces) break;
+      if (is_tracked(candidate.box)) continue;
+      if (count_tracked() >= options_.max_faces) break;
       const Fit fit =
           fit_points(model_, fit_, gray_, start_at(model_, finder_, candidate), workspace_, debug_);
       if (fit.score < options_.min_new) continue;
       const cv::Rect2d box = box_around(model_.box, fit.points);
-      if (is_followed(box)) continue;
+      if (is_tracked(box)) continue;
       begin(fit, box);
     }
   }
 
-  void take_rolled(const std::vector<Candidate>& candidates) {
+  void start_rolled_tracks(const std::vector<Candidate>& candidates) {
     for (const Candidate& candidate : candidates) {
-      if (is_followed(candidate.box)) continue;
-      if (count_followed() >= options_.max_faces) break;
+      if (is_tracked(candidate.box)) continue;
+      if (count_tracked() >= options_.max_faces) break;
       const std::optional<Fit> fit =
           fit_rolled(model_, fit_, gray_, finder_, candidate, workspace_, options_.min_new, debug_);
       if (!fit || fit->score < options_.min_new) continue;
       const cv::Rect2d box = box_around(model_.box, fit->points);
-      if (!is_followed(box)) begin(*fit, box);
+      if (!is_tracked(box)) begin(*fit, box);
     }
   }
 
-  [[nodiscard]] bool looks_for_rolled() const {
+  [[nodiscard]] bool searches_rolled() const {
     if (!model_.quality || finder_.rolled_search() == RolledSearch::kNever) return false;
-    return finder_.rolled_search() == RolledSearch::kAlways || count_followed() == 0;
+    return finder_.rolled_search() == RolledSearch::kAlways || count_tracked() == 0;
   }
 
-  struct Place {
+  struct LostFace {
     cv::Rect2d box;
     double roll = 0;  // radians
   };
-  [[nodiscard]] std::vector<Place> places_of_lost() const {
-    std::vector<Place> places;
+  [[nodiscard]] std::vector<LostFace> lost_faces() const {
+    std::vector<LostFace> faces;
     for (const TrackerState::Track& track : state_.tracks) {
       if (track.lost && track.face.box.width > 0)
-        places.push_back({track.face.box, roll_of(model_, track.raw)});
+        faces.push_back({track.face.box, roll_of(model_, track.raw)});
     }
-    return places;
+    return faces;
   }
 
   // Five times as wide as the face; includes slightly smaller and larger faces.
   [[nodiscard]] static SearchTile tile_around(const cv::Rect2d& box) {
-    constexpr double kSmallestFace = 16;
-    const double smallest = std::max(kSmallestFace, 0.6 * box.width);
-    const double reach = 2 * std::max(box.width, kSmallestFace);
+    constexpr double kMinFace = 16;
+    const double smallest = std::max(kMinFace, 0.6 * box.width);
+    const double reach = 2 * std::max(box.width, kMinFace);
     return {cv::Rect(cv::Rect2d(box.x - reach, box.y - reach, box.width + 2 * reach,
                                 box.height + 2 * reach)),
             smallest, std::max(2 * smallest, 1.8 * box.width)};
   }
 
-  bool take(TrackerState::Track& track, const Fit& fit) {
+  bool update_track(TrackerState::Track& track, const Fit& fit) {
     const cv::Rect2d box = box_around(model_.box, fit.points);
     if (!is_in_image(box, gray_)) return false;
     track.raw = fit.points;
@@ -174,7 +175,7 @@ class Step {
     track.face.score = fit.score;
     track.face.visibility = fit.visibility;
     track.face.box = box;
-    track.seen = state_.time;
+    track.last_fit_s = state_.time;
     track.lost = false;
     return true;
   }
@@ -186,9 +187,10 @@ class Step {
     for (TrackerState::Track& track : state_.tracks) {
       if (!track.lost) continue;
       // A face that was lost for longer may have moved farther.
-      const double away = distance(track.face.box, box) / (1 + (state_.time - track.seen));
-      if (away < nearest) {
-        nearest = away;
+      const double scaled_distance =
+          distance(track.face.box, box) / (1 + (state_.time - track.last_fit_s));
+      if (scaled_distance < nearest) {
+        nearest = scaled_distance;
         best = &track;
       }
     }
@@ -199,24 +201,24 @@ class Step {
       best = &state_.tracks.back();
     }
     best->filter.reset();
-    if (!take(*best, fit)) best->lost = true;
+    if (!update_track(*best, fit)) best->lost = true;
   }
 
-  [[nodiscard]] bool is_followed(const cv::Rect2d& box) const {
+  [[nodiscard]] bool is_tracked(const cv::Rect2d& box) const {
     return std::any_of(state_.tracks.begin(), state_.tracks.end(),
                        [&](const TrackerState::Track& track) {
                          return !track.lost && overlap_of_smaller(track.face.box, box) > 0.4;
                        });
   }
 
-  [[nodiscard]] int count_followed() const {
+  [[nodiscard]] int count_tracked() const {
     return static_cast<int>(
         std::count_if(state_.tracks.begin(), state_.tracks.end(),
                       [](const TrackerState::Track& track) { return !track.lost; }));
   }
 
   // Two tracks on one face: keep the better one; of equals the older.
-  void drop_doubles() {
+  void drop_duplicates() {
     for (std::size_t a = 0; a < state_.tracks.size(); ++a) {
       for (std::size_t b = a + 1; b < state_.tracks.size(); ++b) {
         TrackerState::Track& first = state_.tracks[a];
@@ -251,16 +253,16 @@ std::vector<TrackedFace> track_faces(const LandmarkModel& model, const FitOption
                                      TrackerState& state, const cv::Mat& gray, double time,
                                      FitWorkspace& workspace, DebugSink* debug) {
   require_gray(gray);
-  constexpr double kUsual = 1.0 / 25;
+  constexpr double kDefaultStep = 1.0 / 25;
   const double passed = time - state.time;
-  const double dt = state.started && passed > 0 && passed < 1 ? passed : kUsual;
-  state.time = state.started && passed <= 0 ? state.time + kUsual : time;
+  const double dt = state.started && passed > 0 && passed < 1 ? passed : kDefaultStep;
+  state.time = state.started && passed <= 0 ? state.time + kDefaultStep : time;
   state.started = true;
 
   Step step(model, fit, options, finder, state, gray, dt, workspace, debug);
-  step.follow();
+  step.track_known_faces();
   step.search();
-  step.forget();
+  step.erase_old_tracks();
   std::vector<TrackedFace> faces;
   for (const TrackerState::Track& track : state.tracks) {
     if (!track.lost) faces.push_back(track.face);

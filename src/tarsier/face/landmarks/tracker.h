@@ -2,8 +2,8 @@
 #pragma once
 
 #include "tarsier/core/option_fields.h"
+#include "tarsier/face/landmarks/alpha_beta_filter.h"
 #include "tarsier/face/landmarks/model.h"
-#include "tarsier/face/landmarks/steady.h"
 
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
@@ -21,7 +21,7 @@ struct TrackerOptions {
   double remember_s = 3;
   int max_faces = 8;
   bool smoothing = true;
-  SteadyOptions filter;
+  AlphaBetaFilterOptions filter;
 
   [[nodiscard]] OptionFields fields() {
     return {{"search_every", search_every, range(1, 100000), "--search-every",
@@ -49,8 +49,8 @@ struct TrackerState {
   struct Track {
     TrackedFace face;
     Eigen::Matrix2Xd raw;  // as fitted
-    Steady filter;
-    double seen = 0;  // s, time of the last fit
+    AlphaBetaFilter filter;
+    double last_fit_s = 0;
     bool lost = false;
   };
   std::vector<Track> tracks;

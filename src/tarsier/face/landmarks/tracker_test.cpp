@@ -64,22 +64,22 @@ class BoxBeside final : public BoxDetector {
   double score_ = 0;
 };
 
-std::vector<FoundFace> found_by_box(const LandmarkModel& model, const cv::Mat& gray,
-                                    const Eigen::Matrix2Xd& truth, double shift, double score) {
+std::vector<FittedFace> found_by_box(const LandmarkModel& model, const cv::Mat& gray,
+                                     const Eigen::Matrix2Xd& truth, double shift, double score) {
   FaceFinderOptions options;
-  options.own = std::make_shared<BoxBeside>(truth, shift, score);
+  options.external_detector = std::make_shared<BoxBeside>(truth, shift, score);
   FaceFinder finder(options);
   FitWorkspace workspace;
   return find_faces(model, {}, gray, finder, workspace);
 }
 
-TEST(FindFaces, ABoxBesideTheFaceIsEnoughForASureDetector) {
+TEST(FindFaces, ShiftedBoxIsEnoughForAConfidentDetection) {
   Rng rng(3);
   const Eigen::Matrix2Xd truth =
       (testing::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(150, 90);
   const cv::Mat gray = testing::draw_blobs(truth, 28, {320, 180}, rng);
   for (const double shift : {0.0, 30.0, -30.0}) {
-    const std::vector<FoundFace> faces = found_by_box(blob_model(), gray, truth, shift, 0.9);
+    const std::vector<FittedFace> faces = found_by_box(blob_model(), gray, truth, shift, 0.9);
     ASSERT_EQ(faces.size(), 1U) << shift;
     EXPECT_LT((faces[0].fit.points - truth).colwise().norm().mean(), 1.5) << shift;
     EXPECT_GT(faces[0].fit.score, 0.5) << shift;
@@ -89,12 +89,12 @@ TEST(FindFaces, ABoxBesideTheFaceIsEnoughForASureDetector) {
   EXPECT_TRUE(found_by_box(blob_model(), gray, truth, 40, 0.5).empty());
 }
 
-TEST(FindFaces, WhereNothingIsThereIsNoFaceHoweverSureTheDetectorIs) {
+TEST(FindFaces, RejectsConfidentDetectionWithBadFit) {
   const Eigen::Matrix2Xd somewhere =
       (testing::blob_shape(0) * 28).colwise() + Eigen::Vector2d(150, 90);
   const cv::Mat nothing(180, 320, CV_8UC1, cv::Scalar(70));
   LandmarkModel model = blob_model();
-  const std::vector<FoundFace> kept = found_by_box(model, nothing, somewhere, 0, 0.99);
+  const std::vector<FittedFace> kept = found_by_box(model, nothing, somewhere, 0, 0.99);
   ASSERT_EQ(kept.size(), 1U);
   EXPECT_LT(kept[0].fit.score, 0.4);
   // The same with a final score below 0.1.
@@ -131,7 +131,7 @@ class TrackerTest : public FolderTest {
   Eigen::Matrix2Xd truth_;
 };
 
-TEST_F(TrackerTest, FollowsWhatMoves) {
+TEST_F(TrackerTest, TracksMovingFace) {
   for (int frame = 0; frame < 30; ++frame) {
     const std::vector<TrackedFace> faces = show(70 + 5 * frame, frame);
     ASSERT_EQ(faces.size(), 1U) << frame;
@@ -140,19 +140,19 @@ TEST_F(TrackerTest, FollowsWhatMoves) {
   }
 }
 
-TEST_F(TrackerTest, WhatIsGoneIsLost) {
+TEST_F(TrackerTest, DropsDisappearedFace) {
   EXPECT_EQ(show(100, 0).size(), 1U);
   const std::vector<TrackedFace> none = show(100, 1, false);
   EXPECT_TRUE(none.empty()) << none[0].score;
 }
 
-TEST_F(TrackerTest, RedetectForgetsThePlace) {
+TEST_F(TrackerTest, RedetectForgetsPositions) {
   EXPECT_EQ(show(100, 0).size(), 1U);
   redetect(state_);
   EXPECT_TRUE(show(100, 1).empty());  // the face detectors do not know these objects
 }
 
-TEST_F(TrackerTest, AModelSurvivesItsFile) {
+TEST_F(TrackerTest, ModelFileRoundTrip) {
   write_landmark_model(path("m.json"), blob_model(), {{"terms", "none"}});
   const LandmarkModel read = read_landmark_model(path("m.json"));
   EXPECT_EQ(read.points(), 9);
@@ -161,7 +161,7 @@ TEST_F(TrackerTest, AModelSurvivesItsFile) {
   EXPECT_TRUE(read.quality.has_value());
 }
 
-TEST_F(TrackerTest, FilesWhosePartsDoNotFitTogetherAreRefused) {
+TEST_F(TrackerTest, RejectsInconsistentModelFiles) {
   write_landmark_model(path("m.json"), blob_model(), nlohmann::json::object());
   Archive archive = read_archive(path("m.json"), "landmark-tracker", 1);
   LandmarkModel other = blob_model();
@@ -184,7 +184,7 @@ TEST_F(TrackerTest, FilesWhosePartsDoNotFitTogetherAreRefused) {
   EXPECT_THROW((void)read_landmark_model(path("bad.json")), ModelError);
 }
 
-TEST(BoxModel, TakesTheMedianOfRightBoxes) {
+TEST(BoxModel, IsTheMedianOverCorrectBoxes) {
   std::vector<Eigen::Matrix2Xd> shapes;
   std::vector<cv::Rect2d> boxes;
   for (int i = 0; i < 9; ++i) {
@@ -205,12 +205,12 @@ TEST(BoxModel, TakesTheMedianOfRightBoxes) {
   EXPECT_NEAR(back.y, 60, 1e-9);
 }
 
-TEST(Steady, CalmsNoiseAtRestAndKeepsUpWithMotion) {
+TEST(AlphaBetaFilter, ReducesNoiseAtRestAndFollowsMotion) {
   Rng rng(1);
-  const SteadyOptions options;
+  const AlphaBetaFilterOptions options;
   const double unit = 100;
-  Steady at_rest;
-  Steady moving;
+  AlphaBetaFilter at_rest;
+  AlphaBetaFilter moving;
   double raw = 0;
   double calm = 0;
   double lag = 0;
@@ -231,7 +231,7 @@ TEST(Steady, CalmsNoiseAtRestAndKeepsUpWithMotion) {
   EXPECT_LT(lag, 6);
 }
 
-TEST(FitMethods, AreNamed) {
+TEST(FitMethods, NamesRoundTrip) {
   for (const FitMethod method :
        {FitMethod::kMean, FitMethod::kTrees, FitMethod::kDescent, FitMethod::kPatches}) {
     EXPECT_EQ(parse_fit_method(name_of(method)), method);

@@ -20,7 +20,7 @@ namespace {
 
 constexpr double kShift = 0.09;
 constexpr double kScale = 0.10;
-constexpr double kTurn = 10 * CV_PI / 180;
+constexpr double kRotation = 10 * CV_PI / 180;
 
 Eigen::Matrix2Xd placed(const Eigen::Matrix2Xd& mean, const Eigen::Vector2d& center, double size,
                         double angle) {
@@ -44,7 +44,7 @@ std::vector<cv::Rect2d> detected_boxes(const std::vector<TrainingFace>& faces, P
     progress.advance();
     if (faces[f].mirrored) continue;
     const Eigen::Vector2d center = faces[f].points.rowwise().mean();
-    for (const Candidate& candidate : finder.find_sure(faces[f].gray)) {
+    for (const Candidate& candidate : finder.find_confident(faces[f].gray)) {
       if (candidate.box.contains(cv::Point2d(center.x(), center.y()))) {
         boxes[f] = candidate.box;
         break;
@@ -69,13 +69,14 @@ void add_shaped_starts(const std::vector<TrainingFace>& faces, const TrainModelO
         TARSIER_REQUIRE(shape.cols() == faces[f].points.cols() && shape.allFinite(),
                         "{}: a start that is none", faces[f].name);
         const Eigen::Vector2d center = shape.rowwise().mean();
-        const double angle = rng.normal(0, kTurn / 4);
+        const double angle = rng.normal(0, kRotation / 4);
         const double scale = std::exp(rng.normal(0, kScale / 2));
         const double dx = rng.normal(0, kShift / 2);
         const double dy = rng.normal(0, kShift / 2);
         const Eigen::Vector2d to = center + shape_size(shape) * Eigen::Vector2d(dx, dy);
-        const shape::Similarity2d turn{scale * std::cos(angle), scale * std::sin(angle), 0, 0};
-        shapes[f].push_back(turn(Eigen::Matrix2Xd(shape.colwise() - center)).colwise() + to);
+        const shape::Similarity2d similarity{scale * std::cos(angle), scale * std::sin(angle), 0,
+                                             0};
+        shapes[f].push_back(similarity(Eigen::Matrix2Xd(shape.colwise() - center)).colwise() + to);
       }
     }
   });
@@ -90,11 +91,11 @@ void add_shaped_starts(const std::vector<TrainingFace>& faces, const TrainModelO
 std::vector<RatedFit> rated_fits(const std::vector<TrainingFace>& faces, const LandmarkModel& model,
                                  std::uint64_t seed, Progress& progress,
                                  const std::stop_token& stop) {
-  constexpr int kNear = 4;
-  constexpr int kOff = 6;
-  constexpr int kShaken = 3;
-  constexpr int kEach = kNear + kOff + kShaken;
-  std::vector<RatedFit> fits(faces.size() * kEach);
+  constexpr int kNearStarts = 4;
+  constexpr int kFarStarts = 6;
+  constexpr int kPerturbedTruths = 3;
+  constexpr int kFitsPerFace = kNearStarts + kFarStarts + kPerturbedTruths;
+  std::vector<RatedFit> fits(faces.size() * kFitsPerFace);
   const Rng root(seed);
   progress.begin("rating fits", static_cast<std::int64_t>(faces.size()), "faces");
   cv::parallel_for_(cv::Range(0, static_cast<int>(faces.size())), [&](const cv::Range& range) {
@@ -107,27 +108,28 @@ std::vector<RatedFit> rated_fits(const std::vector<TrainingFace>& faces, const L
       Rng rng = root.fork(f);
       const Eigen::Vector2d center = face.points.rowwise().mean();
       const double size = shape_size(face.points);
-      for (int k = 0; k < kEach; ++k) {
-        RatedFit& fit = fits[f * kEach + static_cast<std::size_t>(k)];
+      for (int k = 0; k < kFitsPerFace; ++k) {
+        RatedFit& fit = fits[f * kFitsPerFace + static_cast<std::size_t>(k)];
         fit.face = i;
-        if (k < kShaken) {
+        if (k < kPerturbedTruths) {
           // The true shape with a small similarity transform.
           const double angle = rng.normal(0, 0.05);
           const double scale = std::exp(rng.normal(0, 0.05));
           const double down = rng.normal(0, 0.05);
           const double across = rng.normal(0, 0.05);
           const Eigen::Vector2d to = center + size * Eigen::Vector2d(across, down);
-          const shape::Similarity2d turn{scale * std::cos(angle), scale * std::sin(angle), 0, 0};
-          fit.points = turn(Eigen::Matrix2Xd(face.points.colwise() - center)).colwise() + to;
+          const shape::Similarity2d similarity{scale * std::cos(angle), scale * std::sin(angle), 0,
+                                               0};
+          fit.points = similarity(Eigen::Matrix2Xd(face.points.colwise() - center)).colwise() + to;
           continue;
         }
-        const bool off = k >= kShaken + kNear;
-        const double reach = off ? rng.uniform(0.4, 2.0) : rng.uniform(0, 0.2);
+        const bool is_far = k >= kPerturbedTruths + kNearStarts;
+        const double reach = is_far ? rng.uniform(0.4, 2.0) : rng.uniform(0, 0.2);
         const double toward = rng.uniform(0, 2 * CV_PI);
         const Eigen::Vector2d to =
             center + reach * size * Eigen::Vector2d(std::cos(toward), std::sin(toward));
-        const double scale = std::exp(off ? rng.uniform(-0.9, 0.7) : rng.normal(0, 0.12));
-        const double angle = off ? rng.uniform(-0.8, 0.8) : rng.normal(0, 0.2);
+        const double scale = std::exp(is_far ? rng.uniform(-0.9, 0.7) : rng.normal(0, 0.12));
+        const double angle = is_far ? rng.uniform(-0.8, 0.8) : rng.normal(0, 0.2);
         const Eigen::Matrix2Xd start = placed(model.shape.mean, to, size * scale, angle);
         fit.points = fit_points(model, options, face.gray, start, workspace).points;
         if (!fit.points.allFinite() || shape_size(fit.points) < 1) fit.points = start;
@@ -170,14 +172,14 @@ std::vector<TrainingFace> load_framed_faces(const shape::LandmarkSet& set, bool 
                                             std::uint64_t seed, Progress& progress,
                                             const std::stop_token& stop,
                                             std::vector<std::string>& skipped) {
-  constexpr int kLargest = 200;  // px of a face: the frames are smaller
+  constexpr int kMaxFaceSide = 200;  // px of a face: the frames are smaller
   LoadOptions load;
   load.mirror = mirror;
-  load.largest = kLargest;
+  load.largest = kMaxFaceSide;
   std::vector<TrainingFace> faces = load_training_faces(set, "", load, progress, stop, skipped);
   if (!mirror) return faces;
   const double shift = measured_shift(faces, mean_shape(faces), seed, progress, stop);
-  if (std::abs(shift) <= kShiftWorthMending) return faces;
+  if (std::abs(shift) <= kMinCorrectedShift) return faces;
   load.to_the_right = shift;
   skipped.clear();
   return load_training_faces(set, "", load, progress, stop, skipped);
@@ -207,20 +209,20 @@ std::vector<Start> scattered_starts(const std::vector<TrainingFace>& faces,
     const bool has_box = !boxes.empty() && boxes[f].width > 0;
     for (int k = 0; k < each; ++k) {
       Eigen::Vector2d around = center;
-      double usual = size;
+      double start_size = size;
       double spread = 1;
       if (has_box && k % 2 == 1) {
         const Eigen::Matrix2Xd start = start_in_box(box, mean, boxes[f]);
         around = start.rowwise().mean();
-        usual = shape_size(start);
+        start_size = shape_size(start);
         spread = 0.5;
       }
-      const double angle = rng.normal(0, kTurn);
+      const double angle = rng.normal(0, kRotation);
       const double scale = std::exp(rng.normal(0, kScale * spread));
       const double dx = rng.normal(0, kShift * spread);
       const double dy = rng.normal(0, kShift * spread);
-      const Eigen::Vector2d to = around + usual * Eigen::Vector2d(dx, dy);
-      starts.push_back({static_cast<int>(f), placed(mean, to, usual * scale, angle)});
+      const Eigen::Vector2d to = around + start_size * Eigen::Vector2d(dx, dy);
+      starts.push_back({static_cast<int>(f), placed(mean, to, start_size * scale, angle)});
     }
   }
   return starts;
@@ -251,7 +253,7 @@ TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::stri
     if (std::isnan(options.to_the_right)) {
       result.to_the_right = measured_shift(faces, model.shape.mean, options.seed, progress, stop);
     }
-    if (std::abs(result.to_the_right) > kShiftWorthMending) {
+    if (std::abs(result.to_the_right) > kMinCorrectedShift) {
       log_info(
           "the points lie {:.2f} px to the right of a symmetric annotation (pixels counted "
           "from 1?); mirrored faces are shifted to match",

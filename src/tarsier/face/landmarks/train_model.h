@@ -70,7 +70,7 @@ struct TrainedModel {
 [[nodiscard]] double measured_shift(const std::vector<TrainingFace>& faces,
                                     const Eigen::Matrix2Xd& mean, std::uint64_t seed,
                                     Progress& progress, const std::stop_token& stop);
-inline constexpr double kShiftWorthMending = 0.2;  // px
+inline constexpr double kMinCorrectedShift = 0.2;  // px
 
 // The mean of the faces' shapes: 2 x n, centred, size 1.
 [[nodiscard]] Eigen::Matrix2Xd mean_shape(const std::vector<TrainingFace>& faces);

@@ -49,7 +49,7 @@ class TrainModelTest : public FolderTest {
 
 // Extra faces and starts train trees and descent. The shape model uses the faces only; its mean is
 // where fits start.
-TEST_F(TrainModelTest, ExtraFacesLeaveTheShapeModelAlone) {
+TEST_F(TrainModelTest, ExtraFacesDoNotChangeTheShapeModel) {
   const shape::LandmarkSet set = faces(6);
   const TrainedModel plain = train(set, quick());
   EXPECT_EQ(plain.extra, 0);
@@ -92,7 +92,7 @@ TEST_F(TrainModelTest, TheSameForAnyNumberOfThreads) {
   EXPECT_EQ(one.model.trees->levels[0].leaves, three.model.trees->levels[0].leaves);
 }
 
-TEST_F(TrainModelTest, AStartThatIsNoneIsRefused) {
+TEST_F(TrainModelTest, RejectsInvalidStartShapes) {
   TrainModelOptions options = quick();
   options.start_shapes = [](const TrainingFace&, int, std::uint64_t) {
     return std::vector<Eigen::Matrix2Xd>{Eigen::Matrix2Xd::Zero(2, 3)};

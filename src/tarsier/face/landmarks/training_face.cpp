@@ -4,7 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/face/shape/cut_out.h"
+#include "tarsier/face/shape/annotated_crop.h"
 #include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
@@ -17,12 +17,13 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-TrainingFace face_of(shape::CutOut cut, const std::string& name, const std::string& person) {
+TrainingFace face_of(shape::AnnotatedCrop crop, const std::string& name,
+                     const std::string& person) {
   TrainingFace face;
-  face.gray = std::move(cut.image);
-  face.points = std::move(cut.points);
-  face.box = cut.box;
-  face.scale = cut.scale;
+  face.gray = std::move(crop.image);
+  face.points = std::move(crop.points);
+  face.box = crop.box;
+  face.scale = crop.scale;
   face.name = name;
   face.person = person;
   return face;
@@ -30,8 +31,9 @@ TrainingFace face_of(shape::CutOut cut, const std::string& name, const std::stri
 
 TrainingFace mirror_of(const TrainingFace& face, const std::vector<int>& mirror,
                        double to_the_right) {
-  const shape::CutOut cut{face.gray, face.points, face.box, face.scale};
-  TrainingFace result = face_of(shape::mirrored(cut, mirror, to_the_right), face.name, face.person);
+  const shape::AnnotatedCrop crop{face.gray, face.points, face.box, face.scale};
+  TrainingFace result =
+      face_of(shape::mirrored(crop, mirror, to_the_right), face.name, face.person);
   result.mirrored = true;
   result.turned = face.turned;
   return result;
@@ -84,8 +86,9 @@ std::vector<TrainingFace> load_training_faces(const shape::LandmarkSet& set,
       skipped.push_back(path + ": its points lie in one place");
       continue;
     }
-    faces.push_back(face_of(shape::cut_out(last, sample, options.margin, options.largest),
-                            sample.image, sample.person));
+    faces.push_back(
+        face_of(shape::crop_around_points(last, sample, options.margin, options.largest),
+                sample.image, sample.person));
     if (options.mirror) {
       faces.push_back(mirror_of(faces.back(), set.mirror, options.to_the_right));
     }

@@ -36,7 +36,7 @@ class TrainingFaceTest : public FolderTest {
   std::vector<std::string> skipped_;
 };
 
-TEST_F(TrainingFaceTest, PointsStayOnWhatTheyMarkWhenCutAndReduced) {
+TEST_F(TrainingFaceTest, PointsKeepTheirPixelsWhenCroppedAndReduced) {
   shape::LandmarkSet set;
   set.mirror = {2, 1, 0, 5, 4, 3, 8, 7, 6};
   set.samples = {sample("small.png", 25, {200, 220}), sample("large.png", 300, {1600, 1500})};
@@ -54,7 +54,7 @@ TEST_F(TrainingFaceTest, PointsStayOnWhatTheyMarkWhenCutAndReduced) {
   }
 }
 
-TEST_F(TrainingFaceTest, WhatCannotBeUsedIsNamed) {
+TEST_F(TrainingFaceTest, ReportsSkippedSamples) {
   shape::LandmarkSet set;
   set.samples = {sample("good.png", 25, {200, 220}), sample("broken.png", 25, {200, 220}),
                  sample("hidden.png", 25, {200, 220})};
@@ -67,7 +67,7 @@ TEST_F(TrainingFaceTest, WhatCannotBeUsedIsNamed) {
   EXPECT_NE(skipped_[1].find("missing"), std::string::npos);
 }
 
-TEST_F(TrainingFaceTest, NothingLeftIsAnError) {
+TEST_F(TrainingFaceTest, ThrowsWithoutUsableFaces) {
   shape::LandmarkSet set;
   EXPECT_THROW((void)load(set), InputError);
   set.samples = {sample("gone.png", 25, {200, 220})};

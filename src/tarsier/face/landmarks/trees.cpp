@@ -156,16 +156,16 @@ class Trainer {
     const Eigen::Vector2d high = model_.mean.rowwise().maxCoeff();
     const Eigen::Vector2d margin = options_.padding * (high - low);
     level.offset.resize(2, options_.features);
-    places_.resize(2, options_.features);
+    positions_.resize(2, options_.features);
     for (int i = 0; i < options_.features; ++i) {
       const double x = random.uniform(low.x() - margin.x(), high.x() + margin.x());
       const double y = random.uniform(low.y() - margin.y(), high.y() + margin.y());
-      const Eigen::Vector2d place(x, y);
+      const Eigen::Vector2d position(x, y);
       Eigen::Index nearest = 0;
-      (model_.mean.colwise() - place).colwise().squaredNorm().minCoeff(&nearest);
+      (model_.mean.colwise() - position).colwise().squaredNorm().minCoeff(&nearest);
       level.anchor.push_back(static_cast<std::int32_t>(nearest));
-      level.offset.col(i) = (place - model_.mean.col(nearest)).cast<float>();
-      places_.col(i) = place;
+      level.offset.col(i) = (position - model_.mean.col(nearest)).cast<float>();
+      positions_.col(i) = position;
     }
     return level;
   }
@@ -190,7 +190,7 @@ class Trainer {
       split.first = random.integer(0, options_.features - 1);
       split.second = random.integer(0, options_.features - 1);
       if (split.first == split.second) continue;
-      const double distance = (places_.col(split.first) - places_.col(split.second)).norm();
+      const double distance = (positions_.col(split.first) - positions_.col(split.second)).norm();
       if (random.uniform() < std::exp(-distance / options_.nearness)) break;
     }
     split.threshold = random.integer(-kThreshold, kThreshold);
@@ -352,7 +352,7 @@ class Trainer {
   std::vector<Sample> samples_;
   std::vector<float> residuals_;      // truth minus current shape, one row per sample
   std::vector<std::uint8_t> values_;  // grey values of the level's pixels, one row per sample
-  Eigen::Matrix2Xd places_;           // of the level's pixels in the mean's frame
+  Eigen::Matrix2Xd positions_;        // of the level's pixels in the mean's frame
   std::vector<int> order_;            // samples, grouped by node
   std::vector<float> sums_;           // shards x tests x stride_
   std::vector<std::int32_t> counts_;  // shards x tests

@@ -63,17 +63,18 @@ void Trees::Level::set_leaves(const Eigen::MatrixXf& moves, int max_components) 
   const Eigen::Index kept = std::min<Eigen::Index>(max_components, moves.rows());
   basis = directions.vectors.rightCols(kept).cast<float>();
   const Eigen::MatrixXf numbers = basis.transpose() * moves;
-  constexpr float kLargest = 127;
+  constexpr float kMaxQuantised = 127;
   leaves.resize(static_cast<std::size_t>(numbers.size()));
   Eigen::VectorXf step(kept);
   for (Eigen::Index k = 0; k < kept; ++k) {
     const float largest = numbers.cols() > 0 ? numbers.row(k).cwiseAbs().maxCoeff() : 0.F;
-    step[k] = largest > 0 ? largest / kLargest : 1.F;
+    step[k] = largest > 0 ? largest / kMaxQuantised : 1.F;
     basis.col(k) *= step[k];
   }
   for (Eigen::Index leaf = 0; leaf < numbers.cols(); ++leaf) {
     for (Eigen::Index k = 0; k < kept; ++k) {
-      const float whole = std::clamp(std::round(numbers(k, leaf) / step[k]), -kLargest, kLargest);
+      const float whole =
+          std::clamp(std::round(numbers(k, leaf) / step[k]), -kMaxQuantised, kMaxQuantised);
       leaves[static_cast<std::size_t>(leaf * kept + k)] = static_cast<std::int8_t>(whole);
     }
   }
@@ -102,7 +103,7 @@ void look_up(const Trees::Level& level, float smoothing, const cv::Mat& gray,
     const float within = value > 0 ? (value < last ? value : last) : 0.0F;
     return static_cast<std::size_t>(static_cast<int>(within + 0.5F));
   };
-  const float apart = std::max(1.0F, smoothing * std::hypot(a, b));
+  const float spacing = std::max(1.0F, smoothing * std::hypot(a, b));
   for (std::size_t i = 0; i < level.anchor.size(); ++i) {
     const auto k = static_cast<Eigen::Index>(i);
     const float dx = level.offset(0, k);
@@ -113,12 +114,12 @@ void look_up(const Trees::Level& level, float smoothing, const cv::Mat& gray,
       values[i] = pixels[nearest(y, bottom) * stride + nearest(x, right)];
       continue;
     }
-    const std::size_t columns[] = {nearest(x - apart, right), nearest(x, right),
-                                   nearest(x + apart, right)};
+    const std::size_t columns[] = {nearest(x - spacing, right), nearest(x, right),
+                                   nearest(x + spacing, right)};
     int sum = 4;
     for (int line = -1; line <= 1; ++line) {
       const std::uint8_t* row =
-          pixels + nearest(y + static_cast<float>(line) * apart, bottom) * stride;
+          pixels + nearest(y + static_cast<float>(line) * spacing, bottom) * stride;
       sum += row[columns[0]] + row[columns[1]] + row[columns[2]];
     }
     values[i] = static_cast<std::uint8_t>(sum / 9);

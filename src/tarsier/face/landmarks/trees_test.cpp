@@ -38,8 +38,8 @@ TrainingFace disc(const cv::Size& size, const Eigen::Vector2d& centre, double ra
   const Eigen::Vector2d dot = at(angle - 2.4, 0.5);
   constexpr int kBits = 6;
   constexpr double kOne = 1 << kBits;
-  const auto draw = [&](const Eigen::Vector2d& place, double r, int value) {
-    cv::circle(face.gray, cv::Point(cvRound(place.x() * kOne), cvRound(place.y() * kOne)),
+  const auto draw = [&](const Eigen::Vector2d& position, double r, int value) {
+    cv::circle(face.gray, cv::Point(cvRound(position.x() * kOne), cvRound(position.y() * kOne)),
                cvRound(r * kOne), cv::Scalar(value), cv::FILLED, cv::LINE_AA, kBits);
   };
   draw(centre, radius, 200);
@@ -142,7 +142,7 @@ bool same(const Trees& a, const Trees& b) {
   return true;
 }
 
-TEST(Trees, FindDiscsTheyHaveNotSeen) {
+TEST(Trees, FitUnseenDiscs) {
   learnt().check();
   const auto [before, after] = errors(learnt(), problem(60, 3, 1000));
   EXPECT_GT(before, 4);
@@ -151,7 +151,7 @@ TEST(Trees, FindDiscsTheyHaveNotSeen) {
 }
 
 // The residual that training reports equals that of the fit: the same pixels, rounding and frames.
-TEST(Trees, LearnTheirLessonByHeart) {
+TEST(Trees, FitTrainingDataExactly) {
   Problem data = problem(12, 1, 5);
   TreesOptions options = small();
   options.levels = 10;
@@ -161,7 +161,7 @@ TEST(Trees, LearnTheirLessonByHeart) {
   EXPECT_LT(after, 1e-3 * before);
 }
 
-TEST(Trees, FollowATurnedAndScaledImage) {
+TEST(Trees, FitRotatedAndScaledImage) {
   // The same disc at twice the size in an image rotated by 90 degrees. The start is transformed in
   // the same way.
   const TrainingFace face = disc({240, 200}, {110, 95}, 2 * kRadius, std::numbers::pi / 2);
@@ -200,7 +200,7 @@ TEST(Trees, FitAtTheBorderAndOutside) {
   EXPECT_TRUE(fit_trees(learnt(), dot, face.points).allFinite());
 }
 
-TEST(Trees, ReadAPartOfAnImageInPlace) {
+TEST(Trees, FitSubImageWithoutCopy) {
   const TrainingFace face = disc({120, 100}, {60, 50}, kRadius);
   const cv::Rect part(20, 10, 80, 80);
   Eigen::Matrix2Xd start = face.points;
@@ -233,7 +233,7 @@ TEST(Trees, CompressLeaves) {
   EXPECT_EQ(level.moves(), Eigen::MatrixXf(Eigen::MatrixXf::Zero(18, 8)));
 }
 
-TEST(Trees, FitAlikeAfterWritingAndReading) {
+TEST(Trees, JsonRoundTrip) {
   const Trees read = trees_from_json(to_json(learnt()), "m.json");
   EXPECT_TRUE(same(learnt(), read));
   const TrainingFace face = disc({120, 100}, {60, 50}, kRadius);
@@ -261,11 +261,11 @@ TEST(Trees, RefuseBrokenFiles) {
       EXPECT_THAT(e.what(), HasSubstr(what));
     }
   };
-  const auto set_pair = [](json& place, std::size_t at, int value) {
-    PackedArray<std::uint8_t> bytes = unpack<std::uint8_t>(place, "", "", {-1, -1, 2});
+  const auto set_pair = [](json& packed, std::size_t at, int value) {
+    PackedArray<std::uint8_t> bytes = unpack<std::uint8_t>(packed, "", "", {-1, -1, 2});
     bytes.values[2 * at] = static_cast<std::uint8_t>(value & 0xFF);
     bytes.values[2 * at + 1] = static_cast<std::uint8_t>((value >> 8) & 0xFF);
-    place = pack(bytes);
+    packed = pack(bytes);
   };
   refused("mean", [](json& m) { m.erase("mean"); });
   refused("mean", [](json& m) { m["mean"] = pack(PackedArray<double>{{1, 2}, {0, 0}}); });
@@ -289,10 +289,10 @@ TEST(Trees, RefuseBrokenFiles) {
   refused("compares a pixel", [&](json& m) { set_pair(m["levels"][1]["second"], 4, 150); });
   refused("compares a pixel", [&](json& m) { set_pair(m["levels"][0]["first"], 0, -1); });
   refused("anchor", [&](json& m) {
-    json& place = m["levels"][0]["anchor"];
-    PackedArray<std::int32_t> anchor = unpack<std::int32_t>(place, "", "", {-1});
+    json& packed = m["levels"][0]["anchor"];
+    PackedArray<std::int32_t> anchor = unpack<std::int32_t>(packed, "", "", {-1});
     anchor.values.back() = 9;
-    place = pack(anchor);
+    packed = pack(anchor);
   });
   refused("offset", [](json& m) {
     m["levels"][0]["offset"] = pack(PackedArray<float>{{2, 2}, {0, 0, 0, 0}});
@@ -327,7 +327,7 @@ TEST(Trees, RefuseBrokenFiles) {
   EXPECT_THROW((void)trees_from_json(json::array(), "m.json"), ModelError);
 }
 
-TEST(Trees, RefuseWhatMakesNoSense) {
+TEST(Trees, RejectInvalidInput) {
   const TrainingFace face = disc({120, 100}, {60, 50}, kRadius);
   const cv::Mat colour(100, 120, CV_8UC3, cv::Scalar::all(0));
   EXPECT_THROW((void)fit_trees(learnt(), colour, face.points), std::invalid_argument);
@@ -371,7 +371,7 @@ class StopAt final : public Progress {
   int count_;
 };
 
-TEST(Trees, StopAndCount) {
+TEST(Trees, CanBeInterruptedAndReportProgress) {
   const Problem data = problem(6, 2, 4);
   StopAt early(3);
   EXPECT_THROW((void)train_trees(data.faces, data.starts, small(), early, early.source.get_token()),

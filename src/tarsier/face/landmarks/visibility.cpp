@@ -13,7 +13,7 @@ namespace tarsier::face::landmarks {
 
 std::vector<bool> Visibility::hidden() const {
   std::vector<bool> out;
-  for (const double chance : visible) out.push_back(chance < kHiddenBelow);
+  for (const double probability : visible) out.push_back(probability < kMinVisibleProbability);
   return out;
 }
 
@@ -60,21 +60,21 @@ void VisibilityScore::add(const Visibility& visibility, const Eigen::Matrix2Xd& 
   const std::vector<bool> flagged = visibility.hidden();
   for (Eigen::Index p = 0; p < truth.cols(); ++p) {
     const auto k = static_cast<std::size_t>(p);
-    (is_hidden[k] ? hidden : seen) += 1;
-    if (flagged[k]) (is_hidden[k] ? hidden_found : seen_flagged) += 1;
+    (is_hidden[k] ? hidden : visible) += 1;
+    if (flagged[k]) (is_hidden[k] ? hidden_flagged : visible_flagged) += 1;
     if ((fitted.col(p) - truth.col(p)).norm() <= visibility.sigma_px[p]) ++within;
   }
 }
 
 double VisibilityScore::recall() const {
-  return hidden == 0 ? 1 : static_cast<double>(hidden_found) / hidden;
+  return hidden == 0 ? 1 : static_cast<double>(hidden_flagged) / hidden;
 }
 double VisibilityScore::precision() const {
-  const int flagged = hidden_found + seen_flagged;
-  return flagged == 0 ? 1 : static_cast<double>(hidden_found) / flagged;
+  const int flagged = hidden_flagged + visible_flagged;
+  return flagged == 0 ? 1 : static_cast<double>(hidden_flagged) / flagged;
 }
 double VisibilityScore::coverage() const {
-  return hidden + seen == 0 ? 1 : static_cast<double>(within) / (hidden + seen);
+  return hidden + visible == 0 ? 1 : static_cast<double>(within) / (hidden + visible);
 }
 
 namespace {

@@ -22,13 +22,13 @@
 namespace tarsier::face::landmarks {
 
 // Chosen so that nine of ten points flagged as hidden are hidden (docs/results.md).
-inline constexpr double kHiddenBelow = 0.15;
+inline constexpr double kMinVisibleProbability = 0.15;
 
 struct Visibility {
   Eigen::VectorXd visible;  // n, probability that the point is visible, 0..1
   // n, px: distance from the true position that 68 % of such points stay within.
   Eigen::VectorXd sigma_px;
-  // visible < kHiddenBelow; empty if unknown.
+  // visible < kMinVisibleProbability; empty if unknown.
   [[nodiscard]] std::vector<bool> hidden() const;
 };
 
@@ -64,10 +64,10 @@ struct VisibilityOptions {
 // Accuracy of visibility and sigma on held-out faces. Counts of points.
 struct VisibilityScore {
   int hidden = 0;
-  int hidden_found = 0;  // hidden and flagged (Visibility::hidden())
-  int seen = 0;
-  int seen_flagged = 0;  // visible but flagged
-  int within = 0;        // of all points: at most sigma from the true position
+  int hidden_flagged = 0;  // hidden and flagged (Visibility::hidden())
+  int visible = 0;
+  int visible_flagged = 0;  // visible but flagged
+  int within = 0;           // of all points: at most sigma from the true position
   // `hidden`: ground truth, one flag per point; points 2 x n, px. Throws std::invalid_argument for
   // other sizes.
   void add(const Visibility& visibility, const Eigen::Matrix2Xd& fitted,

@@ -25,7 +25,7 @@ VisibilityModel train(const std::vector<TrainingFace>& faces, int steps) {
   return train_visibility_model(faces, options, silent, {});
 }
 
-TEST(Occlusion, HidesSomeOfThePointsAndLeavesTheRestAsTheyAre) {
+TEST(Occlusion, HidesSomePointsAndIsDeterministic) {
   const std::vector<TrainingFace> faces = testing::blob_faces(3, 5);
   Rng rng(1);
   for (int k = 0; k < 60; ++k) {
@@ -53,7 +53,7 @@ TEST(Occlusion, RefusesPointsOutsideTheImage) {
 }
 
 // On held-out faces, hidden points are reported as hidden, and sigma is right.
-TEST(Visibility, FindsWhatIsHiddenOnOtherFaces) {
+TEST(Visibility, DetectsHiddenPointsOnUnseenFaces) {
   TARSIER_LONG_TEST();
   const std::vector<TrainingFace> faces = testing::blob_faces(40, 7);
   const VisibilityModel model = train(faces, 120);
@@ -65,7 +65,7 @@ TEST(Visibility, FindsWhatIsHiddenOnOtherFaces) {
   const std::vector<TrainingFace> others = testing::blob_faces(40, 99);
   VisibilityScore score;
   double of_hidden = 0;
-  double of_seen = 0;
+  double of_visible = 0;
   VisibilityWorkspace workspace;
   DescentWorkspace fitting;
   Rng rng(3);
@@ -77,14 +77,14 @@ TEST(Visibility, FindsWhatIsHiddenOnOtherFaces) {
     const Visibility visibility = visibility_of(model, gray, fit, workspace);
     score.add(visibility, fit, others[f].points, hidden);
     for (std::size_t p = 0; p < hidden.size(); ++p)
-      (hidden[p] ? of_hidden : of_seen) += visibility.visible[static_cast<Eigen::Index>(p)];
+      (hidden[p] ? of_hidden : of_visible) += visibility.visible[static_cast<Eigen::Index>(p)];
   }
   EXPECT_LT(of_hidden / score.hidden, 0.65);
-  EXPECT_GT(of_seen / score.seen, 0.85);
+  EXPECT_GT(of_visible / score.visible, 0.85);
   EXPECT_NEAR(score.coverage(), 0.68, 0.25);
 }
 
-TEST(Visibility, TheNumberOfThreadsChangesNothing) {
+TEST(Visibility, IsTheSameForAnyNumberOfThreads) {
   const std::vector<TrainingFace> faces = testing::blob_faces(12, 3);
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
@@ -95,7 +95,7 @@ TEST(Visibility, TheNumberOfThreadsChangesNothing) {
   EXPECT_EQ(one, three);
 }
 
-TEST(Visibility, AreReadAsTheyWereWritten) {
+TEST(Visibility, JsonRoundTrip) {
   const std::vector<TrainingFace> faces = testing::blob_faces(12, 3);
   const VisibilityModel model = train(faces, 3);
   nlohmann::json json = to_json(model);
@@ -114,7 +114,7 @@ TEST(Visibility, AreReadAsTheyWereWritten) {
   EXPECT_THROW((void)visibility_from_json(json, "file.json"), ModelError);
 }
 
-TEST(Visibility, AreScoredByWhatIsSo) {
+TEST(Visibility, ScoreComparesWithGroundTruth) {
   Visibility visibility;
   visibility.visible = Eigen::Vector4d(0.1, 0.9, 0.05, 0.8);
   visibility.sigma_px = Eigen::Vector4d(1, 1, 2, 2);
@@ -125,15 +125,15 @@ TEST(Visibility, AreScoredByWhatIsSo) {
   VisibilityScore score;
   score.add(visibility, fitted, truth, {true, true, false, false});
   EXPECT_EQ(score.hidden, 2);
-  EXPECT_EQ(score.hidden_found, 1);
-  EXPECT_EQ(score.seen_flagged, 1);
+  EXPECT_EQ(score.hidden_flagged, 1);
+  EXPECT_EQ(score.visible_flagged, 1);
   EXPECT_DOUBLE_EQ(score.recall(), 0.5);
   EXPECT_DOUBLE_EQ(score.precision(), 0.5);
   EXPECT_DOUBLE_EQ(score.coverage(), 0.75);
   EXPECT_THROW(score.add(visibility, fitted, truth, {true}), std::invalid_argument);
 }
 
-TEST(Visibility, OfPointsInOnePlaceIsNone) {
+TEST(Visibility, CoincidingPointsAreHidden) {
   const std::vector<TrainingFace> faces = testing::blob_faces(12, 3);
   const VisibilityModel model = train(faces, 3);
   VisibilityWorkspace workspace;
@@ -142,7 +142,7 @@ TEST(Visibility, OfPointsInOnePlaceIsNone) {
   EXPECT_EQ(visibility.visible.maxCoeff(), 0);
 }
 
-TEST(Visibility, NeedTenFaces) {
+TEST(Visibility, TrainingNeedsTenFaces) {
   EXPECT_THROW((void)train(testing::blob_faces(9, 1), 3), std::invalid_argument);
 }
 

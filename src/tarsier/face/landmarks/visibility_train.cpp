@@ -19,17 +19,17 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-constexpr double kWithin = 0.68;     // share of points within sigma
-constexpr double kSmallest = 0.005;  // errors below this count as this, shares of the shape's size
+constexpr double kSigmaQuantile = 0.68;  // share of points within sigma
+constexpr double kMinError = 0.005;  // errors below this count as this, shares of the shape's size
 // Errors of a tracker's fits, relative to those of a descent that was trained on half of the faces
 // (measured: 0.84 on one half of the held-out faces, 0.77 on the other; nearly the same with
 // occlusions).
-constexpr double kBetter = 0.80;
+constexpr double kErrorRatio = 0.80;
 constexpr int kStarts = 6;            // per face, for the descents
-constexpr int kKept = 5;              // every kKept-th face is held out for calibration
-constexpr int kLooks = 6;             // examples of each of these
+constexpr int kHoldOut = 5;           // every kHoldOut-th face is held out for calibration
+constexpr int kExamplesPerFace = 6;   // examples of each of these
 constexpr float kErrorWeight = 0.5F;  // of the errors' part of the loss
-constexpr float kKnee = 1;            // of its Huber loss; a factor of e
+constexpr float kHuberThreshold = 1;  // of its Huber loss; a factor of e
 
 linalg::Network untrained(int points) {
   linalg::Network network;
@@ -54,30 +54,30 @@ class Fits {
   Fits(const std::vector<TrainingFace>& faces, const Eigen::Matrix2Xd& mean,
        const VisibilityOptions& options, Progress& progress, const std::stop_token& stop)
       : faces_(faces), mean_(mean), options_(options) {
-    int own = -1;  // number of this face, or of the face it was made from
+    int number = -1;  // number of this face, or of the face it was made from
     for (const TrainingFace& face : faces) {
-      if (!face.mirrored && !face.turned) ++own;
-      own_.push_back(std::max(0, own));
+      if (!face.mirrored && !face.turned) ++number;
+      number_.push_back(std::max(0, number));
     }
-    TARSIER_REQUIRE(own >= 9, "{} faces: ten at least are needed", own + 1);
+    TARSIER_REQUIRE(number >= 9, "{} faces: ten at least are needed", number + 1);
     for (int half = 0; half < 2; ++half) {
-      std::vector<TrainingFace> teachers;
+      std::vector<TrainingFace> training_faces;
       for (std::size_t f = 0; f < faces.size(); ++f)
-        if (own_[f] % 2 != half) teachers.push_back(faces[f]);
+        if (number_[f] % 2 != half) training_faces.push_back(faces[f]);
       DescentOptions descent;
       descent.folds = 2;
       descent.seed = options.seed;
-      descents_[static_cast<std::size_t>(half)] =
-          train_descent(teachers, scattered_starts(teachers, mean, kStarts, options.seed), descent,
-                        progress, stop);
+      descents_[static_cast<std::size_t>(half)] = train_descent(
+          training_faces, scattered_starts(training_faces, mean, kStarts, options.seed), descent,
+          progress, stop);
     }
   }
 
   // Numbers of the faces for training the network, or of the held-out ones.
-  [[nodiscard]] std::vector<std::size_t> numbers(bool kept) const {
+  [[nodiscard]] std::vector<std::size_t> numbers(bool held_out) const {
     std::vector<std::size_t> out;
     for (std::size_t f = 0; f < faces_.size(); ++f)
-      if ((own_[f] % kKept == kKept - 1) == kept) out.push_back(f);
+      if ((number_[f] % kHoldOut == kHoldOut - 1) == held_out) out.push_back(f);
     return out;
   }
 
@@ -96,8 +96,8 @@ class Fits {
       hidden = draw_occlusion(gray, face.points, faces_[other].gray, rng);
     }
     const Start start = scattered_starts({face}, mean_, 1, rng()).front();
-    const Eigen::Matrix2Xd fit = fit_descent(descents_[static_cast<std::size_t>(own_[f] % 2)], gray,
-                                             start.points, descent_workspace);
+    const Eigen::Matrix2Xd fit = fit_descent(descents_[static_cast<std::size_t>(number_[f] % 2)],
+                                             gray, start.points, descent_workspace);
     face_input(mean_, gray, fit, kVisibilitySide, kVisibilityScale, input);
     example.shape = {1, kVisibilitySide, kVisibilitySide};
     example.input = input.values;
@@ -107,7 +107,7 @@ class Fits {
       const auto column = static_cast<Eigen::Index>(p);
       const double error = (fit.col(column) - face.points.col(column)).norm() / size;
       example.target[p] = hidden[p] ? 1.0F : 0.0F;
-      example.target[n + p] = static_cast<float>(std::log(std::clamp(error, kSmallest, 2.0)));
+      example.target[n + p] = static_cast<float>(std::log(std::clamp(error, kMinError, 2.0)));
     }
   }
 
@@ -115,7 +115,7 @@ class Fits {
   const std::vector<TrainingFace>& faces_;
   const Eigen::Matrix2Xd& mean_;
   const VisibilityOptions& options_;
-  std::vector<int> own_;
+  std::vector<int> number_;
   std::array<Descent, 2> descents_;  // [k]: for faces whose number modulo 2 is k
 };
 
@@ -128,7 +128,7 @@ double visibility_loss(const linalg::Example& example, const std::vector<float>&
   for (std::size_t p = 0; p < n; ++p) {
     loss += linalg::logistic_loss(output[p], example.target[p], derivative[p]);
     const double of_error =
-        linalg::huber(output[n + p] - example.target[n + p], kKnee, derivative[n + p]);
+        linalg::huber(output[n + p] - example.target[n + p], kHuberThreshold, derivative[n + p]);
     loss += static_cast<double>(kErrorWeight) * of_error;
     derivative[n + p] *= kErrorWeight;
   }
@@ -138,14 +138,14 @@ double visibility_loss(const linalg::Example& example, const std::vector<float>&
 }
 
 // The network's output for held-out faces, with the ground truth.
-struct Judged {
+struct HeldOutOutputs {
   std::vector<std::vector<float>> output;
   std::vector<std::vector<float>> target;
 };
 
 // Maximum likelihood a, b of P(hidden) = 1 / (1 + exp(-(a h + b))) (Platt 1999), by Newton's
 // method.
-void calibrate_hidden(const Judged& judged, VisibilityModel& model) {
+void calibrate_hidden(const HeldOutOutputs& held_out, VisibilityModel& model) {
   double& a = model.hidden_slope;
   double& b = model.hidden_offset;
   const std::size_t n = static_cast<std::size_t>(model.points());
@@ -155,12 +155,12 @@ void calibrate_hidden(const Judged& judged, VisibilityModel& model) {
     double haa = 1e-9;
     double hab = 0;
     double hbb = 1e-9;
-    for (std::size_t i = 0; i < judged.output.size(); ++i) {
+    for (std::size_t i = 0; i < held_out.output.size(); ++i) {
       for (std::size_t p = 0; p < n; ++p) {
-        const auto h = static_cast<double>(judged.output[i][p]);
-        const double chance = logistic(a * h + b);
-        const double w = chance * (1 - chance);
-        const double e = chance - static_cast<double>(judged.target[i][p]);
+        const auto h = static_cast<double>(held_out.output[i][p]);
+        const double probability = logistic(a * h + b);
+        const double w = probability * (1 - probability);
+        const double e = probability - static_cast<double>(held_out.target[i][p]);
         ga += e * h;
         gb += e;
         haa += w * h * h;
@@ -178,16 +178,18 @@ void calibrate_hidden(const Judged& judged, VisibilityModel& model) {
   }
 }
 
-void calibrate_sigma(const Judged& judged, VisibilityModel& model) {
+void calibrate_sigma(const HeldOutOutputs& held_out, VisibilityModel& model) {
   const std::size_t n = static_cast<std::size_t>(model.points());
   std::vector<float> residuals;
-  for (std::size_t i = 0; i < judged.output.size(); ++i)
+  for (std::size_t i = 0; i < held_out.output.size(); ++i)
     for (std::size_t p = 0; p < n; ++p)
-      residuals.push_back(judged.target[i][n + p] - judged.output[i][n + p]);
-  const auto place = residuals.begin() + static_cast<std::ptrdiff_t>(
-                                             kWithin * static_cast<double>(residuals.size() - 1));
-  std::nth_element(residuals.begin(), place, residuals.end());
-  model.sigma_offset = std::clamp(static_cast<double>(*place) + std::log(kBetter), -10.0, 10.0);
+      residuals.push_back(held_out.target[i][n + p] - held_out.output[i][n + p]);
+  const auto quantile =
+      residuals.begin() +
+      static_cast<std::ptrdiff_t>(kSigmaQuantile * static_cast<double>(residuals.size() - 1));
+  std::nth_element(residuals.begin(), quantile, residuals.end());
+  model.sigma_offset =
+      std::clamp(static_cast<double>(*quantile) + std::log(kErrorRatio), -10.0, 10.0);
 }
 
 }  // namespace
@@ -202,14 +204,14 @@ VisibilityModel train_visibility_model(const std::vector<TrainingFace>& faces,
   model.network = untrained(model.points());
   Rng rng = Rng(options.seed).fork(3);
   linalg::initialize(model.network, rng);
-  const std::vector<std::size_t> teaching = fits.numbers(false);
+  const std::vector<std::size_t> training_numbers = fits.numbers(false);
   linalg::TrainOptions training;
   training.steps = options.steps;
   training.seed = options.seed;
   const auto make = [&](std::int64_t, Rng& own, linalg::Example& example) {
-    fits.make(
-        teaching[static_cast<std::size_t>(own.integer(0, static_cast<int>(teaching.size()) - 1))],
-        own, example);
+    fits.make(training_numbers[static_cast<std::size_t>(
+                  own.integer(0, static_cast<int>(training_numbers.size()) - 1))],
+              own, example);
   };
   const auto loss = [](const linalg::Example& example, const std::vector<float>& output,
                        linalg::Shape, std::vector<float>& derivative) {
@@ -218,27 +220,27 @@ VisibilityModel train_visibility_model(const std::vector<TrainingFace>& faces,
   linalg::train(model.network, training, "visibility", make, loss, progress, stop);
   linalg::round_to_half(model.network);  // as it will be stored
 
-  const std::vector<std::size_t> kept = fits.numbers(true);
-  Judged judged;
-  judged.output.resize(kLooks * kept.size());
-  judged.target.resize(judged.output.size());
+  const std::vector<std::size_t> held_out_numbers = fits.numbers(true);
+  HeldOutOutputs held_out;
+  held_out.output.resize(kExamplesPerFace * held_out_numbers.size());
+  held_out.target.resize(held_out.output.size());
   const Rng root = Rng(options.seed).fork(4);
   cv::parallel_for_(
-      cv::Range(0, static_cast<int>(judged.output.size())), [&](const cv::Range& range) {
+      cv::Range(0, static_cast<int>(held_out.output.size())), [&](const cv::Range& range) {
         linalg::Workspace workspace;
         linalg::Example example;
         for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
           const auto k = static_cast<std::size_t>(i);
           Rng own = root.fork(k);
-          fits.make(kept[k / kLooks], own, example);
-          judged.output[k] =
+          fits.make(held_out_numbers[k / kExamplesPerFace], own, example);
+          held_out.output[k] =
               linalg::run(model.network, example.input.data(), example.shape, workspace);
-          judged.target[k] = example.target;
+          held_out.target[k] = example.target;
         }
       });
   throw_if_stopped(stop);
-  calibrate_hidden(judged, model);
-  calibrate_sigma(judged, model);
+  calibrate_hidden(held_out, model);
+  calibrate_sigma(held_out, model);
   return model;
 }
 

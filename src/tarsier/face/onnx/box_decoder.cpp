@@ -13,14 +13,14 @@
 namespace tarsier::face::onnx {
 namespace {
 
-constexpr std::size_t kMaxFaces = 5000;  // max candidates before non-maximum suppression
+constexpr std::size_t kMaxCandidates = 5000;  // max candidates before non-maximum suppression
 
 std::ptrdiff_t index_of(std::span<const std::string> names, const std::string& name) {
   const auto found = std::find(names.begin(), names.end(), name);
   return found == names.end() ? -1 : found - names.begin();
 }
 
-bool is_finite(const FoundFace& face) {
+bool is_finite(const DecodedFace& face) {
   bool finite = std::isfinite(face.score) && std::isfinite(face.box.x) &&
                 std::isfinite(face.box.y) && std::isfinite(face.box.width) &&
                 std::isfinite(face.box.height);
@@ -43,22 +43,23 @@ std::vector<int> strides_of(std::span<const std::string> names) {
   return out;
 }
 
-std::vector<FoundFace> decode_boxes(std::span<const std::string> names,
-                                    std::span<const cv::Mat> outputs, cv::Size input,
-                                    double threshold, double overlap) {
+std::vector<DecodedFace> decode_boxes(std::span<const std::string> names,
+                                      std::span<const cv::Mat> outputs, cv::Size input,
+                                      double threshold, double overlap) {
   TARSIER_REQUIRE(names.size() == outputs.size(), "{} names of {} outputs", names.size(),
                   outputs.size());
-  std::vector<FoundFace> found;
+  std::vector<DecodedFace> found;
   for (const int stride : strides_of(names)) {
     const int columns = input.width / stride;
     const int rows = input.height / stride;
     const auto numbers = [&](const char* kind, std::size_t each) {
       const std::string name = fmt::format("{}_{}", kind, stride);
       const cv::Mat& output = outputs[static_cast<std::size_t>(index_of(names, name))];
-      const std::size_t wanted =
+      const std::size_t expected =
           static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows) * each;
-      TARSIER_REQUIRE(output.type() == CV_32F && output.isContinuous() && output.total() == wanted,
-                      "'{}' has {} numbers in place of {}", name, output.total(), wanted);
+      TARSIER_REQUIRE(
+          output.type() == CV_32F && output.isContinuous() && output.total() == expected,
+          "'{}' has {} numbers in place of {}", name, output.total(), expected);
       return output.ptr<float>();
     };
     const float* cls = numbers("cls", 1);
@@ -68,7 +69,7 @@ std::vector<FoundFace> decode_boxes(std::span<const std::string> names,
     for (int y = 0; y < rows; ++y) {
       for (int x = 0; x < columns; ++x) {
         const std::ptrdiff_t i = static_cast<std::ptrdiff_t>(y) * columns + x;
-        FoundFace face;
+        DecodedFace face;
         face.score = std::sqrt(std::clamp<double>(cls[i], 0, 1) * std::clamp<double>(obj[i], 0, 1));
         if (!(face.score >= threshold)) continue;
         const double width = std::exp(static_cast<double>(bbox[4 * i + 2])) * stride;
@@ -86,11 +87,11 @@ std::vector<FoundFace> decode_boxes(std::span<const std::string> names,
     }
   }
   std::stable_sort(found.begin(), found.end(),
-                   [](const FoundFace& a, const FoundFace& b) { return a.score > b.score; });
-  if (found.size() > kMaxFaces) found.resize(kMaxFaces);
-  std::vector<FoundFace> out;
-  for (const FoundFace& face : found) {
-    const bool hidden = std::any_of(out.begin(), out.end(), [&](const FoundFace& better) {
+                   [](const DecodedFace& a, const DecodedFace& b) { return a.score > b.score; });
+  if (found.size() > kMaxCandidates) found.resize(kMaxCandidates);
+  std::vector<DecodedFace> out;
+  for (const DecodedFace& face : found) {
+    const bool hidden = std::any_of(out.begin(), out.end(), [&](const DecodedFace& better) {
       return iou(face.box, better.box) > overlap;
     });
     if (!hidden) out.push_back(face);
@@ -104,9 +105,9 @@ cv::Rect2d square_of_points(const std::array<cv::Point2d, 5>& points) {
   constexpr double kEyesToMouth = 1.15;  // of a frontal face, in eye distances
   const cv::Point2d eyes = 0.5 * (points[0] + points[1]);
   const cv::Point2d mouth = 0.5 * (points[3] + points[4]);
-  const double apart =
+  const double eye_distance =
       std::max(cv::norm(points[1] - points[0]), cv::norm(mouth - eyes) / kEyesToMouth);
-  const double width = kWidth * apart;
+  const double width = kWidth * eye_distance;
   return {eyes.x - width / 2, eyes.y - (0.5 - kDown) * width, width, width};
 }
 

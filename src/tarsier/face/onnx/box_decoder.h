@@ -13,7 +13,7 @@
 // millisecond-level face detector", 2023) to faces.
 namespace tarsier::face::onnx {
 
-struct FoundFace {
+struct DecodedFace {
   cv::Rect2d box;    // px of the network's input
   double score = 0;  // 0..1
   // Eyes (left and right in the image), nose tip, mouth corners, px.
@@ -30,9 +30,10 @@ struct FoundFace {
 // `input`: size of the network's input, px. Returns the faces with a score of at least `threshold`,
 // best first, after non-maximum suppression with the intersection over union `overlap`. Values that
 // are not finite give no face. Throws std::invalid_argument for outputs of other sizes.
-[[nodiscard]] std::vector<FoundFace> decode_boxes(std::span<const std::string> names,
-                                                  std::span<const cv::Mat> outputs, cv::Size input,
-                                                  double threshold, double overlap = 0.3);
+[[nodiscard]] std::vector<DecodedFace> decode_boxes(std::span<const std::string> names,
+                                                    std::span<const cv::Mat> outputs,
+                                                    cv::Size input, double threshold,
+                                                    double overlap = 0.3);
 
 // The square that OpenCV's frontal cascade gives for a face with these points: 2.4 eye distances
 // wide (for turned heads, the eye distance is derived from the distance between eyes and mouth).

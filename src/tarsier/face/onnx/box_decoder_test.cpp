@@ -33,14 +33,14 @@ struct Outputs {
   }
 };
 
-TEST(BoxDecoder, KnowsTheOutputsOfTheFamily) {
+TEST(BoxDecoder, FindsStridesFromOutputNames) {
   EXPECT_THAT(strides_of(std::vector<std::string>{"obj_8", "cls_8", "kps_8", "bbox_8"}),
               ElementsAre(8));
   EXPECT_TRUE(strides_of(std::vector<std::string>{"cls_8", "obj_8", "bbox_8"}).empty());
   EXPECT_TRUE(strides_of(std::vector<std::string>{"numbers"}).empty());
 }
 
-TEST(BoxDecoder, GivesTheFaceOfItsCell) {
+TEST(BoxDecoder, DecodesTheFaceOfACell) {
   Outputs outputs;
   outputs.put(6, 0.8F, 0.8F);  // column 2, row 1
   const auto faces = decode_boxes(outputs.names, outputs.mats, {32, 16}, 0.5);
@@ -54,7 +54,7 @@ TEST(BoxDecoder, GivesTheFaceOfItsCell) {
   EXPECT_NEAR(faces[0].points[1].y, 10.4, 1e-5);
 }
 
-TEST(BoxDecoder, KeepsTheBetterOfTwoThatOverlap) {
+TEST(BoxDecoder, SuppressesOverlappingFaces) {
   Outputs outputs;
   outputs.put(5, 1, 0.7F);
   outputs.put(6, 1, 0.9F);
@@ -76,7 +76,7 @@ TEST(BoxDecoder, FacesWithoutAreaDoNotOverlap) {
   EXPECT_EQ(decode_boxes(outputs.names, outputs.mats, {32, 16}, 0.5, 0.0).size(), 2U);
 }
 
-TEST(BoxDecoder, TakesNoNumbersThatAreNoNumbers) {
+TEST(BoxDecoder, IgnoresNonFiniteValues) {
   Outputs outputs;
   outputs.put(0, std::numeric_limits<float>::quiet_NaN(), 1);
   outputs.put(3, 1, 1);
@@ -95,7 +95,7 @@ TEST(BoxDecoder, RefusesOutputsOfOtherSizes) {
                std::invalid_argument);
 }
 
-TEST(BoxDecoder, SquaresKeepTheirSizeWhenTheHeadTurns) {
+TEST(BoxDecoder, SquareSizeDoesNotDependOnYaw) {
   const std::array<cv::Point2d, 5> frontal{{{40, 50}, {80, 50}, {60, 72}, {44, 96}, {76, 96}}};
   const cv::Rect2d square = square_of_points(frontal);
   EXPECT_NEAR(square.width, 96, 1e-9);

@@ -16,25 +16,25 @@ using tarsier::face::onnx::Request;
 using tarsier::face::onnx::Runner;
 
 // Max total number of elements in the layers of a network: 1 GB.
-constexpr std::int64_t kMaxNumbers = 256LL << 20;
+constexpr std::int64_t kMaxElements = 256LL << 20;
 
 // Suppresses OpenCV's own messages, which span several lines: errors are reported in one line.
-class Quiet {
+class SilencedLog {
  public:
-  Quiet() : before_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}
-  ~Quiet() { cv::utils::logging::setLogLevel(before_); }
-  Quiet(const Quiet&) = delete;
-  Quiet& operator=(const Quiet&) = delete;
+  SilencedLog() : before_(cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT)) {}
+  ~SilencedLog() { cv::utils::logging::setLogLevel(before_); }
+  SilencedLog(const SilencedLog&) = delete;
+  SilencedLog& operator=(const SilencedLog&) = delete;
 
  private:
   cv::utils::logging::LogLevel before_;
 };
 
 std::string one_line(std::string_view text) {
-  constexpr std::size_t kLongest = 200;
+  constexpr std::size_t kMaxLetters = 200;
   std::string out;
   while (text.starts_with("> ")) text.remove_prefix(2);  // OpenCV's quotation mark
-  for (const char letter : text.substr(0, kLongest)) {
+  for (const char letter : text.substr(0, kMaxLetters)) {
     const bool space = static_cast<unsigned char>(letter) <= ' ';
     if (space && (out.empty() || out.back() == ' ')) continue;
     out += space ? ' ' : letter;
@@ -45,9 +45,9 @@ std::string one_line(std::string_view text) {
 
 // The exception thrown by `work`, as one line; empty: none.
 template <typename Work>
-std::string trouble_of(const Work& work) {
+std::string error_of(const Work& work) {
   try {
-    const Quiet quiet;
+    const SilencedLog silenced;
     work();
     return {};
   } catch (const cv::Exception& error) {
@@ -76,7 +76,7 @@ class DnnRunner final : public Runner {
   }
 
   std::string run(const cv::Mat& input, std::vector<cv::Mat>& outputs) override {
-    return trouble_of([&] { forward(input, outputs); });
+    return error_of([&] { forward(input, outputs); });
   }
 
  private:
@@ -91,12 +91,12 @@ class DnnRunner final : public Runner {
       for (const cv::dnn::MatShape& one : layer) {
         std::int64_t numbers = 1;
         for (const int size : one) {
-          if (size < 0 || numbers > kMaxNumbers)
+          if (size < 0 || numbers > kMaxElements)
             CV_Error(cv::Error::StsOutOfRange, "its layers are larger than 1 GB");
           numbers *= size;
         }
         sum += numbers;
-        if (sum > kMaxNumbers)
+        if (sum > kMaxElements)
           CV_Error(cv::Error::StsOutOfRange, "its layers are larger than 1 GB");
       }
     }
@@ -104,10 +104,10 @@ class DnnRunner final : public Runner {
 
   void forward(const cv::Mat& input, std::vector<cv::Mat>& outputs) {
     net_.setInput(input);
-    std::vector<cv::Mat> seen;
-    net_.forward(seen, outputs_);
+    std::vector<cv::Mat> results;
+    net_.forward(results, outputs_);
     outputs.clear();
-    for (const cv::Mat& one : seen) {
+    for (const cv::Mat& one : results) {
       if (one.depth() != CV_32F) CV_Error(cv::Error::StsBadArg, "an output of other numbers");
       outputs.push_back(one.clone());
     }
@@ -126,9 +126,9 @@ __attribute__((visibility("default"))) const char* tarsier_onnx_version() {
 }
 
 __attribute__((visibility("default"))) Runner* tarsier_onnx_open(const Request* request,
-                                                                 std::string* trouble) {
-  Runner* opened = nullptr;
-  *trouble = trouble_of([&] { opened = new DnnRunner(*request); });
-  return opened;
+                                                                 std::string* error) {
+  Runner* runner = nullptr;
+  *error = error_of([&] { runner = new DnnRunner(*request); });
+  return runner;
 }
 }

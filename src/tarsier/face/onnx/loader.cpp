@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 constexpr const char* kModule = "tarsier-onnx.so";
 
 struct Module {
-  std::string trouble;  // empty: loaded
+  std::string error;  // empty: loaded
   decltype(&tarsier_onnx_open) open = nullptr;
 };
 
@@ -24,7 +24,7 @@ Module load() {
   Module module;
   const std::string path = module_path();
   if (path.empty()) {
-    module.trouble = fmt::format(
+    module.error = fmt::format(
         "ONNX files cannot be run: {} is not beside the program; install the package tarsier-onnx",
         kModule);
     return module;
@@ -33,7 +33,7 @@ Module load() {
   void* handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (handle == nullptr) {
     const char* reason = dlerror();
-    module.trouble =
+    module.error =
         fmt::format("ONNX files cannot be run: {}", reason == nullptr ? path.c_str() : reason);
     return module;
   }
@@ -41,9 +41,9 @@ Module load() {
       reinterpret_cast<decltype(&tarsier_onnx_version)>(dlsym(handle, "tarsier_onnx_version"));
   module.open = reinterpret_cast<decltype(&tarsier_onnx_open)>(dlsym(handle, "tarsier_onnx_open"));
   if (version == nullptr || module.open == nullptr) {
-    module.trouble = fmt::format("{} is no module of this program", path);
+    module.error = fmt::format("{} is no module of this program", path);
   } else if (const std::string built = version(); built != TARSIER_VERSION) {
-    module.trouble =
+    module.error =
         fmt::format("{} is of version {}, the program of {}", path, built, TARSIER_VERSION);
   }
   return module;
@@ -54,17 +54,18 @@ Module load() {
 std::string module_path() {
   std::error_code error;
   const fs::path folder = fs::read_symlink("/proc/self/exe", error).parent_path();
-  for (const fs::path& place : {folder, folder / "../lib/tarsier", fs::path(TARSIER_MODULES)})
-    if (fs::is_regular_file(place / kModule, error)) return (place / kModule).lexically_normal();
+  for (const fs::path& candidate : {folder, folder / "../lib/tarsier", fs::path(TARSIER_MODULES)})
+    if (fs::is_regular_file(candidate / kModule, error))
+      return (candidate / kModule).lexically_normal();
   return {};
 }
 
 std::unique_ptr<Runner> open_runner(const Request& request, const std::string& path) {
   static const Module module = load();
-  if (!module.trouble.empty()) throw ModelError(path, module.trouble);
-  std::string trouble;
-  std::unique_ptr<Runner> runner(module.open(&request, &trouble));
-  if (runner == nullptr) throw ModelError(path, "OpenCV does not take it: " + trouble);
+  if (!module.error.empty()) throw ModelError(path, module.error);
+  std::string error;
+  std::unique_ptr<Runner> runner(module.open(&request, &error));
+  if (runner == nullptr) throw ModelError(path, "OpenCV does not take it: " + error);
   return runner;
 }
 

@@ -42,7 +42,7 @@ struct Request {
 
 extern "C" {
 const char* tarsier_onnx_version();
-// Owned by the caller. Null, with one line in `trouble`, if OpenCV does not support the network.
+// Owned by the caller. Null, with one line in `error`, if OpenCV does not support the network.
 tarsier::face::onnx::Runner* tarsier_onnx_open(const tarsier::face::onnx::Request* request,
-                                               std::string* trouble);
+                                               std::string* error);
 }

@@ -23,7 +23,7 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kMaxNodes = 20'000;
 constexpr std::int64_t kMaxSide = 1LL << 28;  // of a tensor
-constexpr std::size_t kMaxNames = 200;        // bytes
+constexpr std::size_t kMaxNameBytes = 200;    // bytes
 
 // Operators of networks that detect and compare faces.
 constexpr auto kOperators = std::to_array<std::string_view>({"Add",
@@ -144,7 +144,7 @@ class Fields {
 
 std::string name_of(const Field& field) {
   std::string out;
-  for (const char letter : field.bytes.substr(0, kMaxNames))
+  for (const char letter : field.bytes.substr(0, kMaxNameBytes))
     out += static_cast<unsigned char>(letter) < ' ' ? '?' : letter;
   return out;
 }
@@ -197,7 +197,8 @@ class Reader {
     }
     if (!graph_seen) fail("holds no network: no ONNX file?");
     if (out_.nodes == 0) fail("holds a network without layers");
-    std::erase_if(out_.inputs, [&](const TensorForm& one) { return filled_.contains(one.name); });
+    std::erase_if(out_.inputs,
+                  [&](const TensorInfo& one) { return initialised_.contains(one.name); });
   }
 
  private:
@@ -209,9 +210,9 @@ class Reader {
       if (field.number == 15) fail("holds sparse tensors, which are not taken");
       if (field.wire != 2) continue;
       if (field.number == 1) node(field.bytes);
-      if (field.number == 5) filled_.insert(tensor(field.bytes));
-      if (field.number == 11) out_.inputs.push_back(form(field.bytes));
-      if (field.number == 12) out_.outputs.push_back(form(field.bytes));
+      if (field.number == 5) initialised_.insert(tensor(field.bytes));
+      if (field.number == 11) out_.inputs.push_back(tensor_info(field.bytes));
+      if (field.number == 12) out_.outputs.push_back(tensor_info(field.bytes));
     }
   }
 
@@ -309,8 +310,8 @@ class Reader {
     return name;
   }
 
-  TensorForm form(std::string_view bytes) const {
-    TensorForm out;
+  TensorInfo tensor_info(std::string_view bytes) const {
+    TensorInfo out;
     Field field;
     for (Fields fields(bytes, out_.path); fields.next(field);) {
       if (field.wire != 2) continue;
@@ -347,16 +348,16 @@ class Reader {
   }
 
   NetworkFile& out_;
-  std::set<std::string> filled_;
+  std::set<std::string> initialised_;
 };
 
-std::string read_bytes(const std::string& path, std::int64_t most) {
+std::string read_bytes(const std::string& path, std::int64_t max_bytes) {
   std::error_code error;
   if (fs::is_directory(path, error)) throw ModelError(path, "is a folder");
   const auto size = fs::file_size(path, error);
   if (error) throw ModelError(path, "cannot be read: " + error.message());
-  if (size > static_cast<std::uintmax_t>(most))
-    throw ModelError(path, fmt::format("is larger than {} bytes", most));
+  if (size > static_cast<std::uintmax_t>(max_bytes))
+    throw ModelError(path, fmt::format("is larger than {} bytes", max_bytes));
   std::ifstream file(path, std::ios::binary);
   std::string bytes(size, '\0');
   if (!file.read(bytes.data(), static_cast<std::streamsize>(size)))
@@ -400,8 +401,8 @@ NetworkFile read_network_file(const std::string& path) {
   return parse_network(read_bytes(path, kMaxBytes), path);
 }
 
-InputForm parse_input_form(std::string_view text, const std::string& path) {
-  InputForm out;
+InputFormat parse_input_format(std::string_view text, const std::string& path) {
+  InputFormat out;
   int number = 0;
   while (!text.empty()) {
     const std::size_t end = std::min(text.find('\n'), text.size());
@@ -417,7 +418,7 @@ InputForm parse_input_form(std::string_view text, const std::string& path) {
       throw ModelError(path, fmt::format("line {}: {}", number, wanted));
     };
     if (key == "licence") {
-      for (const char letter : value.substr(0, kMaxNames))
+      for (const char letter : value.substr(0, kMaxNameBytes))
         out.licence += static_cast<unsigned char>(letter) < ' ' ? '?' : letter;
     } else if (key == "size") {
       const std::size_t cross = std::min(value.find('x'), value.size());
@@ -451,12 +452,12 @@ InputForm parse_input_form(std::string_view text, const std::string& path) {
   return out;
 }
 
-InputForm read_input_form(const std::string& network_path) {
+InputFormat read_input_format(const std::string& network_path) {
   constexpr std::int64_t kMax = 65'536;
   const std::string path = network_path + ".txt";
   std::error_code error;
   if (!fs::exists(path, error)) return {};
-  return parse_input_form(read_bytes(path, kMax), path);
+  return parse_input_format(read_bytes(path, kMax), path);
 }
 
 }  // namespace tarsier::face::onnx

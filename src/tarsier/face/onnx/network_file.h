@@ -14,7 +14,7 @@ namespace tarsier::face::onnx {
 
 inline constexpr std::int64_t kMaxBytes = 512LL << 20;  // max size of a file
 
-struct TensorForm {
+struct TensorInfo {
   std::string name;
   std::vector<std::int64_t> shape;  // -1: variable
 };
@@ -24,8 +24,8 @@ struct NetworkFile {
   std::string bytes;
   std::string sha256;              // 64 hexadecimal digits
   std::string producer;            // producer name in the file; may be empty
-  std::vector<TensorForm> inputs;  // without inputs that have an initial value in the file
-  std::vector<TensorForm> outputs;
+  std::vector<TensorInfo> inputs;  // without inputs that have an initial value in the file
+  std::vector<TensorInfo> outputs;
   std::int64_t nodes = 0;
   std::int64_t parameters = 0;  // elements of tensors in the file
 };
@@ -44,7 +44,7 @@ struct NetworkFile {
 //   size      W or WxH, px, 16..2048: if the file does not fix it
 //   mean      one number or one per channel, subtracted from grey levels 0..255; -1000..1000
 //   scale     factor of the difference; above 0, at most 1000
-struct InputForm {
+struct InputFormat {
   std::string licence;  // empty: unknown
   int width = 0;        // 0: as in the network's file
   int height = 0;
@@ -53,8 +53,8 @@ struct InputForm {
 };
 inline constexpr std::string_view kUnknownLicence = "unknown: ask who gave it";
 // `text` of the file `path`. Throws ModelError(path) for unknown keys and values out of range.
-[[nodiscard]] InputForm parse_input_form(std::string_view text, const std::string& path);
+[[nodiscard]] InputFormat parse_input_format(std::string_view text, const std::string& path);
 // For a network; the defaults if there is no such file. Throws ModelError.
-[[nodiscard]] InputForm read_input_form(const std::string& network_path);
+[[nodiscard]] InputFormat read_input_format(const std::string& network_path);
 
 }  // namespace tarsier::face::onnx

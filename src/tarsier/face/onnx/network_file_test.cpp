@@ -26,9 +26,9 @@ std::string reason(const std::string& bytes) {
   return {};
 }
 
-std::string form_reason(std::string_view text) {
+std::string format_reason(std::string_view text) {
   try {
-    (void)parse_input_form(text, "net.onnx.txt");
+    (void)parse_input_format(text, "net.onnx.txt");
   } catch (const ModelError& error) {
     return error.what();
   }
@@ -40,7 +40,7 @@ std::string with_tensor(const std::string& one) {
                  {form("out", {1, 3, 16, 16})});
 }
 
-TEST(NetworkFile, TellsWhatIsInIt) {
+TEST(NetworkFile, ReportsInputsOutputsAndSizes) {
   const std::string bytes =
       network({node("Conv", {"data", "w"}, "out", attribute("strides", {2, 2}))},
               {tensor("w", {2, 3, 1, 1}, std::vector<float>(6, 1))},
@@ -57,7 +57,7 @@ TEST(NetworkFile, TellsWhatIsInIt) {
 }
 
 // A truncated file is always reported as such.
-TEST(NetworkFile, RefusesEveryPartOfAFile) {
+TEST(NetworkFile, RejectsTruncatedFiles) {
   const std::string whole = means_of_fields();
   int refused = 0;
   for (std::size_t size = 0; size < whole.size(); ++size)
@@ -101,28 +101,28 @@ TEST(NetworkFile, RefusesWithTheReason) {
       HasSubstr("another file"));
 }
 
-TEST(InputForm, ReadsItsLines) {
-  const InputForm form = parse_input_form(
+TEST(InputFormat, ParsesAllKeys) {
+  const InputFormat format = parse_input_format(
       "# how it takes its image\n licence : Apache-2.0 \nsize: 112x96\nmean: 127.5\nscale: "
       "0.0078125\n",
       "net.onnx.txt");
-  EXPECT_EQ(form.licence, "Apache-2.0");
-  EXPECT_EQ(form.width, 112);
-  EXPECT_EQ(form.height, 96);
-  EXPECT_THAT(form.mean, ElementsAre(127.5));
-  EXPECT_EQ(form.scale, 0.0078125);
-  EXPECT_THAT(parse_input_form("mean: 1 2 3", "").mean, ElementsAre(1, 2, 3));
-  EXPECT_EQ(parse_input_form("", "").width, 0);
+  EXPECT_EQ(format.licence, "Apache-2.0");
+  EXPECT_EQ(format.width, 112);
+  EXPECT_EQ(format.height, 96);
+  EXPECT_THAT(format.mean, ElementsAre(127.5));
+  EXPECT_EQ(format.scale, 0.0078125);
+  EXPECT_THAT(parse_input_format("mean: 1 2 3", "").mean, ElementsAre(1, 2, 3));
+  EXPECT_EQ(parse_input_format("", "").width, 0);
 }
 
-TEST(InputForm, RefusesWithTheLine) {
-  EXPECT_THAT(form_reason("\nsiez: 112"), HasSubstr("net.onnx.txt: line 2: unknown word 'siez'"));
+TEST(InputFormat, RefusesWithTheLine) {
+  EXPECT_THAT(format_reason("\nsiez: 112"), HasSubstr("net.onnx.txt: line 2: unknown word 'siez'"));
   for (const char* text : {"size: 8", "size: 112x", "size: axb", "size: 112x112x3"})
-    EXPECT_THAT(form_reason(text), HasSubstr("size is")) << text;
+    EXPECT_THAT(format_reason(text), HasSubstr("size is")) << text;
   for (const char* text : {"mean:", "mean: 1 2", "mean: 1 2 3 4", "mean: nan", "mean: 1e9"})
-    EXPECT_THAT(form_reason(text), HasSubstr("mean is")) << text;
+    EXPECT_THAT(format_reason(text), HasSubstr("mean is")) << text;
   for (const char* text : {"scale: 0", "scale: -1", "scale: inf"})
-    EXPECT_THAT(form_reason(text), HasSubstr("scale is")) << text;
+    EXPECT_THAT(format_reason(text), HasSubstr("scale is")) << text;
 }
 
 }  // namespace

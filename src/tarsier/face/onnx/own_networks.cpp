@@ -29,18 +29,18 @@ constexpr int kMaxOutputs = 4096;
 constexpr int kMinSide = 16;
 constexpr int kMaxSide = 2048;
 
-struct Opened {
-  NetworkFile file;  // without its bytes
-  InputForm form;    // with the final size
+struct LoadedNetwork {
+  NetworkFile file;    // without its bytes
+  InputFormat format;  // with the final size
   int channels = 3;
   std::vector<std::string> outputs;
   std::unique_ptr<Runner> runner;
 };
 
-Opened open_network(const std::string& path) {
-  Opened out;
+LoadedNetwork open_network(const std::string& path) {
+  LoadedNetwork out;
   out.file = read_network_file(path);
-  out.form = read_input_form(path);
+  out.format = read_input_format(path);
   if (out.file.inputs.size() != 1 || out.file.inputs[0].shape.size() != 4)
     throw ModelError(path,
                      fmt::format("takes {} inputs in place of one image", out.file.inputs.size()));
@@ -49,38 +49,38 @@ Opened open_network(const std::string& path) {
     throw ModelError(path, fmt::format("takes {} images of {} channels in place of one of 1 or 3",
                                        shape[0], shape[1]));
   out.channels = static_cast<int>(shape[1]);
-  if (out.form.width == 0) {
+  if (out.format.width == 0) {
     if (shape[2] == -1 || shape[3] == -1)
       throw ModelError(path,
                        "leaves the size of its image open: write 'size: W' into " + path + ".txt");
     if (shape[2] < kMinSide || shape[3] < kMinSide || shape[2] > kMaxSide || shape[3] > kMaxSide)
       throw ModelError(path, fmt::format("takes images of {} x {} px", shape[3], shape[2]));
-    out.form.width = static_cast<int>(shape[3]);
-    out.form.height = static_cast<int>(shape[2]);
+    out.format.width = static_cast<int>(shape[3]);
+    out.format.height = static_cast<int>(shape[2]);
   }
-  if (out.form.mean.size() > 1 && static_cast<int>(out.form.mean.size()) != out.channels)
+  if (out.format.mean.size() > 1 && static_cast<int>(out.format.mean.size()) != out.channels)
     throw ModelError(path + ".txt", "more means than the network has channels");
-  for (const TensorForm& output : out.file.outputs) out.outputs.push_back(output.name);
+  for (const TensorInfo& output : out.file.outputs) out.outputs.push_back(output.name);
   if (out.outputs.empty()) throw ModelError(path, "has no output");
   Request request;
   request.bytes = out.file.bytes.data();
   request.size = out.file.bytes.size();
-  request.input = {1, out.channels, out.form.height, out.form.width};
+  request.input = {1, out.channels, out.format.height, out.format.width};
   request.outputs = out.outputs;
   out.runner = open_runner(request, path);
   out.file.bytes = {};
-  log_info("{}", described(out.file, out.form));
+  log_info("{}", description_of(out.file, out.format));
   return out;
 }
 
 // N x C x H x W from a grey image of the network's input size.
-cv::Mat blob_of(const cv::Mat& gray, const Opened& network) {
+cv::Mat blob_of(const cv::Mat& gray, const LoadedNetwork& network) {
   const std::array<int, 4> shape{1, network.channels, gray.rows, gray.cols};
   cv::Mat blob(4, shape.data(), CV_32F);
   for (int c = 0; c < network.channels; ++c) {
-    const std::vector<double>& means = network.form.mean;
+    const std::vector<double>& means = network.format.mean;
     const auto mean = static_cast<float>(means[means.size() > 1 ? static_cast<std::size_t>(c) : 0]);
-    const auto scale = static_cast<float>(network.form.scale);
+    const auto scale = static_cast<float>(network.format.scale);
     for (int y = 0; y < gray.rows; ++y) {
       const auto* row = gray.ptr<unsigned char>(y);
       auto* out = blob.ptr<float>(0, c, y);
@@ -90,47 +90,47 @@ cv::Mat blob_of(const cv::Mat& gray, const Opened& network) {
   return blob;
 }
 
-class OwnNetwork {
+class OnnxNetwork {
  public:
-  explicit OwnNetwork(Opened opened) : opened_(std::move(opened)) {}
-  [[nodiscard]] const Opened& opened() const { return opened_; }
+  explicit OnnxNetwork(LoadedNetwork loaded) : loaded_(std::move(loaded)) {}
+  [[nodiscard]] const LoadedNetwork& loaded() const { return loaded_; }
   [[nodiscard]] std::vector<cv::Mat> run(const cv::Mat& gray) const {
-    const cv::Mat blob = blob_of(gray, opened_);
+    const cv::Mat blob = blob_of(gray, loaded_);
     std::vector<cv::Mat> outputs;
     const std::lock_guard lock(mutex_);  // OpenCV's networks are not thread-safe
-    const std::string trouble = opened_.runner->run(blob, outputs);
-    if (!trouble.empty()) throw ModelError(opened_.file.path, "OpenCV does not run it: " + trouble);
+    const std::string error = loaded_.runner->run(blob, outputs);
+    if (!error.empty()) throw ModelError(loaded_.file.path, "OpenCV does not run it: " + error);
     return outputs;
   }
 
  private:
-  Opened opened_;
+  LoadedNetwork loaded_;
   mutable std::mutex mutex_;
 };
 
-class OwnEmbedder final : public recognition::FaceEmbedder {
+class OnnxEmbedder final : public recognition::FaceEmbedder {
  public:
-  explicit OwnEmbedder(Opened opened) : network_(std::move(opened)) {
-    const InputForm& form = network_.opened().form;
-    const auto outputs = network_.run(cv::Mat::zeros(form.height, form.width, CV_8UC1));
+  explicit OnnxEmbedder(LoadedNetwork loaded) : network_(std::move(loaded)) {
+    const InputFormat& format = network_.loaded().format;
+    const auto outputs = network_.run(cv::Mat::zeros(format.height, format.width, CV_8UC1));
     const std::size_t total = outputs.size() == 1 ? outputs[0].total() : 0;
     if (total < kMinOutputs || total > kMaxOutputs)
       throw ModelError(
-          network_.opened().file.path,
+          network_.loaded().file.path,
           fmt::format("gives {} outputs of {} numbers in place of one of {} to {}", outputs.size(),
                       outputs.empty() ? 0 : outputs[0].total(), kMinOutputs, kMaxOutputs));
     outputs_ = static_cast<int>(total);
   }
 
   [[nodiscard]] std::vector<float> embed(const cv::Mat& crop) const override {
-    const InputForm& form = network_.opened().form;
-    const auto outputs = network_.run(aligned_chip(crop, {form.width, form.height}));
+    const InputFormat& format = network_.loaded().format;
+    const auto outputs = network_.run(aligned_chip(crop, {format.width, format.height}));
     std::vector<float> numbers(outputs[0].ptr<float>(),
                                outputs[0].ptr<float>() + outputs[0].total());
     double square = 0;
     for (const float number : numbers) square += static_cast<double>(number) * number;
     if (!std::isfinite(square))
-      throw ModelError(network_.opened().file.path, "gives numbers that are not finite");
+      throw ModelError(network_.loaded().file.path, "gives numbers that are not finite");
     const double length = std::sqrt(square);
     for (float& number : numbers)
       number = length > 1e-12 ? static_cast<float>(number / length) : 0.0F;
@@ -139,28 +139,28 @@ class OwnEmbedder final : public recognition::FaceEmbedder {
   [[nodiscard]] int outputs() const override { return outputs_; }
 
  private:
-  OwnNetwork network_;
+  OnnxNetwork network_;
   int outputs_ = 0;
 };
 
-class OwnBoxDetector final : public BoxDetector {
+class OnnxBoxDetector final : public BoxDetector {
  public:
-  explicit OwnBoxDetector(Opened opened) : network_(std::move(opened)) {
-    const NetworkFile& file = network_.opened().file;
-    if (strides_of(network_.opened().outputs).empty())
+  explicit OnnxBoxDetector(LoadedNetwork loaded) : network_(std::move(loaded)) {
+    const NetworkFile& file = network_.loaded().file;
+    if (strides_of(network_.loaded().outputs).empty())
       throw ModelError(file.path,
                        "has no outputs cls_S, obj_S, bbox_S and kps_S, S the px of a cell: not of "
                        "the YuNet family");
-    const InputForm& form = network_.opened().form;
-    (void)find(cv::Mat::zeros(form.height, form.width, CV_8UC1));
+    const InputFormat& format = network_.loaded().format;
+    (void)find(cv::Mat::zeros(format.height, format.width, CV_8UC1));
   }
 
   [[nodiscard]] std::vector<ScoredFace> find(const cv::Mat& gray) const override {
     require_gray(gray);
     constexpr double kMinScore = 0.3;
     constexpr double kMaxEnlarged = 2;
-    const InputForm& form = network_.opened().form;
-    const cv::Size size(form.width, form.height);
+    const InputFormat& format = network_.loaded().format;
+    const cv::Size size(format.width, format.height);
     const double scale = std::min({static_cast<double>(size.width) / gray.cols,
                                    static_cast<double>(size.height) / gray.rows, kMaxEnlarged});
     const cv::Size inside(std::clamp(cvRound(gray.cols * scale), 1, size.width),
@@ -168,14 +168,14 @@ class OwnBoxDetector final : public BoxDetector {
     cv::Mat image = cv::Mat::zeros(size, CV_8UC1);
     cv::Mat part = image(cv::Rect({0, 0}, inside));
     cv::resize(gray, part, inside, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
-    std::vector<FoundFace> found;
+    std::vector<DecodedFace> found;
     try {
-      found = decode_boxes(network_.opened().outputs, network_.run(image), size, kMinScore);
+      found = decode_boxes(network_.loaded().outputs, network_.run(image), size, kMinScore);
     } catch (const std::invalid_argument& error) {
-      throw ModelError(network_.opened().file.path, error.what());
+      throw ModelError(network_.loaded().file.path, error.what());
     }
     std::vector<ScoredFace> out;
-    for (FoundFace& face : found) {
+    for (DecodedFace& face : found) {
       for (cv::Point2d& point : face.points) {
         point.x /= static_cast<double>(inside.width) / gray.cols;
         point.y /= static_cast<double>(inside.height) / gray.rows;
@@ -190,15 +190,16 @@ class OwnBoxDetector final : public BoxDetector {
   }
 
  private:
-  OwnNetwork network_;
+  OnnxNetwork network_;
 };
 
 // > 0; of the file and its input format. Embeddings with different fingerprints cannot be compared.
-std::int64_t fingerprint_of(const Opened& network) {
+std::int64_t fingerprint_of(const LoadedNetwork& network) {
   Sha256 sum;
   sum.add(network.file.sha256);
-  sum.add(fmt::format("{} {} {:a}", network.form.width, network.form.height, network.form.scale));
-  for (const double mean : network.form.mean) sum.add(fmt::format(" {:a}", mean));
+  sum.add(
+      fmt::format("{} {} {:a}", network.format.width, network.format.height, network.format.scale));
+  for (const double mean : network.format.mean) sum.add(fmt::format(" {:a}", mean));
   std::uint64_t value = 0;
   for (const char digit : sum.hex().substr(0, 15))
     value = 16 * value + static_cast<std::uint64_t>(digit <= '9' ? digit - '0' : digit - 'a' + 10);
@@ -215,7 +216,7 @@ cv::Mat aligned_chip(const cv::Mat& crop, cv::Size size) {
   constexpr double kEyeY = 0.34;
   constexpr double kAspect = 1.25;  // height / width of the crop
   const double side = size.width / kAlignedSide;
-  const double scale = kAlignedEyesApart * side / ((1 - 2 * kEyeX) * crop.cols);
+  const double scale = kAlignedEyeDistance * side / ((1 - 2 * kEyeX) * crop.cols);
   // Also for crops with another aspect.
   const double scale_y = scale * kAspect * crop.cols / crop.rows;
   cv::Mat source;  // never the crop's own pixels: the caller still uses them
@@ -224,32 +225,32 @@ cv::Mat aligned_chip(const cv::Mat& crop, cv::Size size) {
   else
     source = crop;
   // Pixel centres are at integers, also in the alignment.
-  const double middle = 0.5 * crop.cols - 0.5;
-  const double line = kEyeY * crop.rows - 0.5;
-  const cv::Mat map = (cv::Mat_<double>(2, 3) << scale, 0, kAlignedEyesX * side - scale * middle, 0,
-                       scale_y, kAlignedEyesY * size.height / kAlignedSide - scale_y * line);
+  const double center_x = 0.5 * crop.cols - 0.5;
+  const double eye_line = kEyeY * crop.rows - 0.5;
+  const cv::Mat map = (cv::Mat_<double>(2, 3) << scale, 0, kAlignedEyesX * side - scale * center_x,
+                       0, scale_y, kAlignedEyesY * size.height / kAlignedSide - scale_y * eye_line);
   cv::Mat chip;
   cv::warpAffine(source, chip, map, size, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   return chip;
 }
 
 std::shared_ptr<const recognition::DeepNetwork> load_embedding(const std::string& path) {
-  Opened opened = open_network(path);
+  LoadedNetwork loaded = open_network(path);
   auto out = std::make_shared<recognition::DeepNetwork>();
   out->name = std::filesystem::path(path).filename().string();
-  out->sha256 = opened.file.sha256;
-  out->fingerprint = fingerprint_of(opened);
-  out->embedder = std::make_shared<const OwnEmbedder>(std::move(opened));
+  out->sha256 = loaded.file.sha256;
+  out->fingerprint = fingerprint_of(loaded);
+  out->embedder = std::make_shared<const OnnxEmbedder>(std::move(loaded));
   return out;
 }
 
 std::shared_ptr<const BoxDetector> load_box_detector(const std::string& path) {
-  return std::make_shared<const OwnBoxDetector>(open_network(path));
+  return std::make_shared<const OnnxBoxDetector>(open_network(path));
 }
 
-std::string described(const NetworkFile& file, const InputForm& form) {
+std::string description_of(const NetworkFile& file, const InputFormat& format) {
   return fmt::format("{}: SHA-256 {}, licence {}", file.path, file.sha256,
-                     form.licence.empty() ? kUnknownLicence : std::string_view(form.licence));
+                     format.licence.empty() ? kUnknownLicence : std::string_view(format.licence));
 }
 
 }  // namespace tarsier::face::onnx

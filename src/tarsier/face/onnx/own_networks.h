@@ -19,7 +19,7 @@ namespace tarsier::face::onnx {
 inline constexpr double kAlignedSide = 112;
 inline constexpr double kAlignedEyesX = 55.913;
 inline constexpr double kAlignedEyesY = 51.599;
-inline constexpr double kAlignedEyesApart = 35.237;
+inline constexpr double kAlignedEyeDistance = 35.237;
 
 // The network's input chip, CV_8UC1 of `size` px, from a face that is cropped as in people/eyes.h
 // (CV_8UC1 of any size). A similarity moves the eyes to their aligned positions. Missing parts are
@@ -38,6 +38,6 @@ inline constexpr double kAlignedEyesApart = 35.237;
 [[nodiscard]] std::shared_ptr<const BoxDetector> load_box_detector(const std::string& path);
 
 // Description of a network for reports: "face.onnx: SHA-256 .., licence ..".
-[[nodiscard]] std::string described(const NetworkFile& file, const InputForm& form);
+[[nodiscard]] std::string description_of(const NetworkFile& file, const InputFormat& format);
 
 }  // namespace tarsier::face::onnx

@@ -52,7 +52,7 @@ cv::Mat crop_with_eyes() {
   return crop;
 }
 
-TEST(AlignedChip, PutsTheEyesWhereTheAlignmentHasThem) {
+TEST(AlignedChip, PutsTheEyesAtTheirAlignedPositions) {
   for (const int side : {112, 224}) {
     const cv::Mat chip = aligned_chip(crop_with_eyes(), {side, side});
     ASSERT_EQ(chip.size(), cv::Size(side, side));
@@ -61,21 +61,21 @@ TEST(AlignedChip, PutsTheEyesWhereTheAlignmentHasThem) {
       const cv::Moments moments = cv::moments(chip(half) > 200, true);
       const double scale = side / kAlignedSide;
       EXPECT_NEAR(half.x + moments.m10 / moments.m00,
-                  scale * (kAlignedEyesX + sign * kAlignedEyesApart / 2), 0.5);
+                  scale * (kAlignedEyesX + sign * kAlignedEyeDistance / 2), 0.5);
       EXPECT_NEAR(moments.m01 / moments.m00, scale * kAlignedEyesY, 0.5);
     }
   }
   EXPECT_THROW((void)aligned_chip(cv::Mat(4, 4, CV_8UC3), {112, 112}), std::invalid_argument);
 }
 
-TEST(AlignedChip, LeavesTheFaceAsItIs) {
+TEST(AlignedChip, DoesNotChangeItsInput) {
   const cv::Mat crop = crop_with_eyes();
   const cv::Mat before = crop.clone();
   (void)aligned_chip(crop, {64, 64});
   EXPECT_EQ(cv::norm(crop, before), 0);
 }
 
-TEST_F(OwnNetworks, GivesWhatTheNetworkSays) {
+TEST_F(OwnNetworks, ReturnsTheNormalisedOutput) {
   const auto network = load_embedding(write("means.onnx", means_of_fields()));
   EXPECT_EQ(network->outputs(), 16);
   EXPECT_EQ(network->name, "means.onnx");
@@ -94,7 +94,7 @@ TEST_F(OwnNetworks, GivesWhatTheNetworkSays) {
     EXPECT_NEAR(numbers[i], expected[i] / length, 1e-5);
 }
 
-TEST_F(OwnNetworks, TakesMeansAndScaleFromTheTextBesideIt) {
+TEST_F(OwnNetworks, ReadsMeanAndScaleFromTheTextFile) {
   const std::string path = write("means.onnx", means_of_fields());
   const auto plain = load_embedding(path);
   write("means.onnx.txt", "mean: 60\nscale: 0.5\nlicence: of the test\n");
@@ -107,7 +107,7 @@ TEST_F(OwnNetworks, TakesMeansAndScaleFromTheTextBesideIt) {
   EXPECT_THAT(reason(path), HasSubstr("more means than the network has channels"));
 }
 
-TEST_F(OwnNetworks, GivesTheSameFromManyThreads) {
+TEST_F(OwnNetworks, IsThreadSafe) {
   const auto network = load_embedding(write("means.onnx", means_of_fields()));
   const cv::Mat crop = crop_with_eyes();
   const std::vector<float> expected = recognition::embed_crop(*network, crop);

@@ -124,7 +124,7 @@ std::vector<Face> FaceReader::read_by_landmarks(const cv::Mat& gray) {
     if (face.eyes.distance() < 2) continue;
     const double trust = impl_->judged ? trust_in(found.detection, face.score)
                                        : logistic(kOfPoints * (face.score - kEvenPoints));
-    face.trusted = trust >= options_.min_trust && (found.sure || face.score >= min_unsure);
+    face.trusted = trust >= options_.min_trust && (found.confident || face.score >= min_unsure);
     if (face.trusted) {
       faces.push_back(std::move(face));
     } else if (uncertain_too && trust >= best_trust) {

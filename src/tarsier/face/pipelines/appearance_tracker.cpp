@@ -34,7 +34,7 @@ AppearanceTracker AppearanceTracker::load(const ModelStore& models,
   result.model_ = std::make_shared<const appearance::AppearanceModel>(
       appearance::read_appearance_model(result.path_));
   result.fitter_ = std::make_shared<const appearance::Fitter>(*result.model_, options.fit);
-  const bool knows_boxes = result.model_->place.seen > 0;
+  const bool knows_boxes = result.model_->shape_in_box.boxes > 0;
   if (options.start == AppearanceStart::kDetector && !knows_boxes) {
     throw ModelError(result.path_,
                      "was trained on objects that the face detector does not find: option 'start' "

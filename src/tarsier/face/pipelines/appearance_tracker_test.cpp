@@ -48,7 +48,7 @@ TEST_F(Appearances, OfAVideoKeepTheirIdUntilAnotherBegins) {
   for (int k = 0; k < 3; ++k) EXPECT_EQ(tracker.process(frame(k, false), state).at(0).id, 1);
   // Ids of another video start from 1 again.
   state.track.next_id = 7;
-  state.track.objects.at(0).now.id = 6;
+  state.track.objects.at(0).tracked.id = 6;
   EXPECT_EQ(tracker.process(frame(3, false), state).at(0).id, 6);
   EXPECT_EQ(tracker.process(frame(0, false, "b.mp4"), state).at(0).id, 1);
   redetect(state);
@@ -60,7 +60,7 @@ TEST(AppearanceLoading, NamesTheOptionThatDoesNotFitTheModel) {
   const TemporaryFolder folder;
   appearance::AppearanceModel model =
       appearance::read_appearance_model(models().path("aam68.json"));
-  model.place = {};
+  model.shape_in_box = {};
   AppearanceTrackerOptions options;
   options.model = folder / "things.json";
   options.start = AppearanceStart::kDetector;

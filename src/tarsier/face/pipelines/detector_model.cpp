@@ -22,7 +22,7 @@ DetectorModel::DetectorModel(const landmarks::FaceFinderOptions& options) : opti
 DetectorModel DetectorModel::load(const ModelStore& models, const std::string& which,
                                   const landmarks::FaceFinderOptions& options) {
   DetectorModel model(options);
-  if (which == "cascades" || options.own) return model;
+  if (which == "cascades" || options.external_detector) return model;
   const bool shipped = which.empty() || which == kOwn;
   if (shipped && !models.has(kShipped)) {
     log_warning("{}: not there; faces are found by the cascades of opencv-data instead",

@@ -68,7 +68,7 @@ LandmarkResult LandmarkTracker::process(const Frame& frame, LandmarkState& state
   LandmarkResult result;
   result.tracked = !frame.still;
   if (frame.still) {
-    for (landmarks::FoundFace& found : landmarks::find_faces(
+    for (landmarks::FittedFace& found : landmarks::find_faces(
              *model_, fit_, gray, *state.finder, state.workspace, tracking_.min_new, debug)) {
       result.faces.push_back({static_cast<int>(result.faces.size()) + 1,
                               std::move(found.fit.points), found.fit.score, found.box,

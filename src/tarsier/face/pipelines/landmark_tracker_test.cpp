@@ -84,7 +84,7 @@ TEST_F(Landmarks, OfACropWithoutAMarginAreThoseOfTheImage) {
   const cv::Rect2d box = whole.faces[0].box - cv::Point2d(area.tl());
   seen->box = box + cv::Point2d(border, border);
   landmarks::FaceFinderOptions options;
-  options.own = seen;
+  options.external_detector = seen;
   landmarks::FaceFinder finder(options);
   landmarks::FitWorkspace workspace;
   const auto find = [&] {
@@ -324,7 +324,7 @@ TEST(FaceDetectorModel, TakesTheInstalledOneBesideIt) {
   EXPECT_TRUE(own.find(image).empty());
   const std::vector<landmarks::Candidate> candidates = both.find(image);
   ASSERT_FALSE(candidates.empty());
-  EXPECT_TRUE(candidates.front().sure);
+  EXPECT_TRUE(candidates.front().confident);
   EXPECT_GT(candidates.front().score, 0.9);
   const auto inside = [](const landmarks::Candidate& candidate) {
     const cv::Point2d middle = 0.5 * (candidate.box.tl() + candidate.box.br());
@@ -334,7 +334,7 @@ TEST(FaceDetectorModel, TakesTheInstalledOneBesideIt) {
   const std::vector<landmarks::Candidate> one =
       both.find_in(image, {cv::Rect(0, 0, 416, 416), 40, 0});
   ASSERT_FALSE(one.empty());
-  for (const landmarks::Candidate& candidate : one) EXPECT_FALSE(candidate.sure);
+  for (const landmarks::Candidate& candidate : one) EXPECT_FALSE(candidate.confident);
 
   fs::resize_file(installed, 100);
   EXPECT_THROW(static_cast<void>(DetectorModel::load(store)), ModelError);

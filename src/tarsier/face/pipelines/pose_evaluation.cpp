@@ -112,8 +112,8 @@ std::vector<head::PointingOutcome> PoseEvaluator::pointing(const std::vector<Poi
       outcome.sigma_deg = angle_sigmas(*face->pose);
     }
     const cv::Rect2d head_box = head_box_of(path, image.size());
-    for (const landmarks::Candidate& candidate : strict_.find_sure(gray_of(image, gray_)))
-      outcome.face_seen = outcome.face_seen || head_box.contains(middle_of(candidate.box));
+    for (const landmarks::Candidate& candidate : strict_.find_confident(gray_of(image, gray_)))
+      outcome.face_detected = outcome.face_detected || head_box.contains(middle_of(candidate.box));
     outcomes.push_back(std::move(outcome));
   }
   progress.end();

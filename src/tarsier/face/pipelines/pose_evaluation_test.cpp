@@ -138,12 +138,12 @@ TEST_F(PoseEvaluation, OfPointingIsOfTheHeadThatIsAnnotated) {
   EXPECT_EQ(outcomes[0].truth.pan_deg, -30);
   EXPECT_TRUE(outcomes[0].rotation);
   EXPECT_TRUE(outcomes[0].sigma_deg);
-  EXPECT_TRUE(outcomes[0].face_seen);
+  EXPECT_TRUE(outcomes[0].face_detected);
   // The annotated place is another one, so his face does not count.
   std::ofstream(folder_.path() + "/person01100-15-30.txt") << "Face\n20\n300\n20\n20\n";
   const auto elsewhere = evaluator.pointing(images, progress_, {});
   EXPECT_FALSE(elsewhere.at(0).rotation);
-  EXPECT_FALSE(elsewhere.at(0).face_seen);
+  EXPECT_FALSE(elsewhere.at(0).face_detected);
 }
 
 TEST_F(PoseEvaluation, EndsWhenAskedTo) {

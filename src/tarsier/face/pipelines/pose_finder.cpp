@@ -90,16 +90,16 @@ PoseFinder::PoseFinder(std::shared_ptr<const landmarks::LandmarkModel> landmarks
     : landmarks_(std::move(landmarks)),
       fit_((fit.check(), fit)),
       chosen_(mapping.landmarks),
-      poser_(chosen_points(head, mapping, landmarks_->points()), options),
+      estimator_(chosen_points(head, mapping, landmarks_->points()), options),
       view_(std::move(view)) {
   std::vector<int> sorted = chosen_;
   std::sort(sorted.begin(), sorted.end());
   sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
   is_whole_ = static_cast<int>(sorted.size()) == landmarks_->points();
   TARSIER_REQUIRE(
-      view_ == nullptr || view_->landmarks() == static_cast<int>(poser_.model().mirror.size()),
+      view_ == nullptr || view_->landmarks() == static_cast<int>(estimator_.model().mirror.size()),
       "a view model of {} landmarks, the head has {}", view_->landmarks(),
-      poser_.model().mirror.size());
+      estimator_.model().mirror.size());
 }
 
 Eigen::VectorXd PoseFinder::sigmas(const landmarks::TrackedFace& face) const {
@@ -111,10 +111,10 @@ head::HeadPoseResult PoseFinder::pose(const landmarks::TrackedFace& face,
                                       const geometry::Camera& camera, head::HeadIdentity* identity,
                                       bool learn) const {
   const Eigen::Matrix2Xd points = face.points(Eigen::all, chosen_);
-  if (identity == nullptr) return poser_.pose(points, camera, sigmas(face));
-  if (learn) return poser_.pose(points, camera, *identity, sigmas(face));
+  if (identity == nullptr) return estimator_.pose(points, camera, sigmas(face));
+  if (learn) return estimator_.pose(points, camera, *identity, sigmas(face));
   head::HeadIdentity known = *identity;
-  return poser_.pose(points, camera, known, sigmas(face));
+  return estimator_.pose(points, camera, known, sigmas(face));
 }
 
 PosedFace PoseFinder::refined(landmarks::TrackedFace face, head::HeadPoseResult found,
@@ -124,15 +124,16 @@ PosedFace PoseFinder::refined(landmarks::TrackedFace face, head::HeadPoseResult 
   if (found.pose) {
     std::optional<head::HeadPose> corrected;
     if (view_ != nullptr)
-      corrected = head_view::refined_pose(*view_, poser_, face.points(Eigen::all, chosen_), gray,
-                                          camera, *found.pose, identity, sigmas(face));
+      corrected = head_view::refined_pose(*view_, estimator_, face.points(Eigen::all, chosen_),
+                                          gray, camera, *found.pose, identity, sigmas(face));
     if (corrected) {
       found.pose = std::move(corrected);
     } else {
       head::calibrate_sigmas(*found.pose, errors);
     }
   }
-  if (found.pose) show_pose(debug, "pose", gray, face.points, camera, poser_.model(), *found.pose);
+  if (found.pose)
+    show_pose(debug, "pose", gray, face.points, camera, estimator_.model(), *found.pose);
   return {std::move(face), std::move(found.pose), std::move(found.reason)};
 }
 
@@ -150,9 +151,9 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
                               DebugSink* debug) const {
   head::HeadPoseResult found = pose(face, camera, identity, learn && !is_whole_);
   if (is_whole_ && found.pose) {
-    show_pose(debug, "first pose", gray, face.points, camera, poser_.model(), *found.pose);
+    show_pose(debug, "first pose", gray, face.points, camera, estimator_.model(), *found.pose);
     SecondFit second(debug);
-    const Eigen::Matrix2Xd projected = poser_.project(*found.pose, camera);
+    const Eigen::Matrix2Xd projected = estimator_.project(*found.pose, camera);
     Eigen::Matrix2Xd start(2, face.points.cols());
     for (std::size_t i = 0; i < chosen_.size(); ++i) {
       start.col(chosen_[i]) = projected.col(static_cast<Eigen::Index>(i));
@@ -177,7 +178,7 @@ std::vector<PosedFace> PoseFinder::find(const cv::Mat& gray, const geometry::Cam
                                         landmarks::FitWorkspace& workspace, double min_score,
                                         DebugSink* debug) const {
   std::vector<PosedFace> faces;
-  for (landmarks::FoundFace& found :
+  for (landmarks::FittedFace& found :
        landmarks::find_faces(*landmarks_, fit_, gray, finder, workspace, kHopeless, debug)) {
     const double first = found.fit.score;
     landmarks::TrackedFace start;

@@ -45,7 +45,7 @@ class PoseFinder {
 
   [[nodiscard]] const landmarks::LandmarkModel& landmarks() const { return *landmarks_; }
   [[nodiscard]] const landmarks::FitOptions& fit() const { return fit_; }
-  [[nodiscard]] const head::HeadPoser& poser() const { return poser_; }
+  [[nodiscard]] const head::HeadPoseEstimator& estimator() const { return estimator_; }
 
   // The pose of a face whose points are fitted; fits the points a second time (gray: CV_8UC1, of
   // the camera's size). face.points and face.score are replaced by those of the second fit unless
@@ -89,9 +89,9 @@ class PoseFinder {
 
   std::shared_ptr<const landmarks::LandmarkModel> landmarks_;
   landmarks::FitOptions fit_;
-  std::vector<int> chosen_;  // landmark of each of the poser's points
+  std::vector<int> chosen_;  // landmark of each of the estimator's points
   bool is_whole_ = false;    // every landmark is a point of the head, so the fit can be repeated
-  head::HeadPoser poser_;
+  head::HeadPoseEstimator estimator_;
   std::shared_ptr<const head_view::ViewModel> view_;
 };
 

@@ -214,7 +214,7 @@ std::vector<PosedFace> PoseTracker::faces_of_video(const Frame& frame,
                                                     learn, seen.workspace, debug);
     if (posed.pose) {
       geometry::Rigid3& pose = posed.pose->camera_from_head;
-      Eigen::Matrix3d& covariance = posed.pose->turn_covariance;
+      Eigen::Matrix3d& covariance = posed.pose->rotation_covariance;
       if (options_.smoothing == PoseSmoothing::kMean) pose = person.mean(pose, &covariance);
       if (options_.smoothing == PoseSmoothing::kOneEuro)
         pose = person.one_euro(pose, frame.time, &covariance);

@@ -54,25 +54,25 @@ ViewTraining::Seen ViewTraining::see(const std::string& path, const Choice& choi
   if (face == nullptr) return seen;
   seen.pose = *face->pose;
   seen.points = face->face.points(Eigen::all, mapping_.landmarks);
-  // The uncalibrated covariance of the poser, which the view model's correction starts from.
+  // The uncalibrated covariance of the estimator, which the view model's correction starts from.
   Eigen::VectorXd sigma_px;
   if (face->face.visibility.sigma_px.size() > 0)
     sigma_px = face->face.visibility.sigma_px(mapping_.landmarks);
   seen.raw = seen.pose;
-  if (const auto again = poser().pose(seen.points, seen.camera, sigma_px); again.pose)
+  if (const auto again = estimator().pose(seen.points, seen.camera, sigma_px); again.pose)
     seen.raw = *again.pose;
   cv::Mat gray;
   seen.view = head_view::view_of_head(gray_of(frame.image, gray), seen.camera,
-                                      seen.pose.camera_from_head, poser().model(), seen.points);
+                                      seen.pose.camera_from_head, estimator().model(), seen.points);
   return seen;
 }
 
 // Returns the index of the image in `seen_`, -1 if no head was found. `forward`: in the camera's
-// frame. `asked`: it is the direction in which the person was asked to look.
-int ViewTraining::add(Seen seen, int group, const Eigen::Vector3d& forward, bool asked) {
+// frame. `nominal`: it is the direction in which the person was asked to look.
+int ViewTraining::add(Seen seen, int group, const Eigen::Vector3d& forward, bool nominal) {
   if (!seen.view) return -1;
   const Eigen::Vector3d in_view = seen.view->camera_from_view.transpose() * forward;
-  samples_.push_back({*seen.view, head_view::direction_of(*seen.view, in_view), group, asked});
+  samples_.push_back({*seen.view, head_view::direction_of(*seen.view, in_view), group, nominal});
   seen_.push_back(std::move(seen));
   return static_cast<int>(seen_.size()) - 1;
 }
@@ -147,7 +147,7 @@ void ViewTraining::add_annotated(const shape::LandmarkSet& set, const std::strin
     });
     if (!seen.view) continue;
     const Eigen::Matrix2Xd points = sample.points(Eigen::all, mapping_.landmarks);
-    const head::HeadPoseResult truth = poser().pose(points, seen.camera);
+    const head::HeadPoseResult truth = estimator().pose(points, seen.camera);
     if (truth.pose)
       add_exact(std::move(seen), group, sample.image, truth.pose->camera_from_head.rotation);
   }
@@ -185,11 +185,12 @@ ViewTraining::Scores ViewTraining::score_landmarks() const {
 
 ViewTraining::Scores ViewTraining::score_left_out(
     const head_view::TrainViewOptions& options) const {
-  const std::vector<head_view::ViewAnswer> found = head_view::leave_groups_out(samples_, options);
+  const std::vector<head_view::CorrectedDirection> found =
+      head_view::leave_groups_out(samples_, options);
   std::vector<head::HeadPose> poses;
   for (std::size_t i = 0; i < seen_.size(); ++i) {
     const Seen& seen = seen_[i];
-    auto pose = head_view::refined_pose(found[i], *seen.view, poser(), seen.points, seen.camera,
+    auto pose = head_view::refined_pose(found[i], *seen.view, estimator(), seen.points, seen.camera,
                                         seen.raw, nullptr);
     poses.push_back(pose ? std::move(*pose) : seen.pose);
   }

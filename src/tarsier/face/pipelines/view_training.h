@@ -74,15 +74,17 @@ class ViewTraining {
     std::optional<head_view::HeadView> view;  // empty: no head was found
     head::HeadPose pose;
     head::HeadPose raw;       // before its covariance was calibrated
-    Eigen::Matrix2Xd points;  // those that the poser uses
+    Eigen::Matrix2Xd points;  // those that the estimator uses
     geometry::Camera camera;
   };
   // Selects the annotated face among the faces of an image, with its pose; null: none.
   using Choice = std::function<const PosedFace*(const std::vector<PosedFace>&, cv::Size)>;
 
-  [[nodiscard]] const head::HeadPoser& poser() const { return tracker_.finder().poser(); }
+  [[nodiscard]] const head::HeadPoseEstimator& estimator() const {
+    return tracker_.finder().estimator();
+  }
   [[nodiscard]] Seen see(const std::string& path, const Choice& choice);
-  int add(Seen seen, int group, const Eigen::Vector3d& forward, bool asked);
+  int add(Seen seen, int group, const Eigen::Vector3d& forward, bool nominal);
   void add_exact(Seen seen, int group, const std::string& image, const Eigen::Matrix3d& rotation);
   [[nodiscard]] int next_group();
   [[nodiscard]] Scores score(const std::vector<head::HeadPose>& poses) const;

@@ -87,7 +87,7 @@ TEST_F(ViewTrainingTest, LearnsAndIsJudgedOnWhatItHasNotSeen) {
   std::set<int> groups;
   for (const head_view::ViewSample& sample : training.samples()) {
     groups.insert(sample.group);
-    EXPECT_FALSE(sample.asked);
+    EXPECT_FALSE(sample.nominal);
   }
   EXPECT_EQ(groups.size(), 7U) << "sevenths are left out in turn";
 
@@ -112,7 +112,7 @@ TEST_F(ViewTrainingTest, OfPointingIsWhereAPersonWasAskedToLook) {
   training.add_pointing(folder_.path(), 0.9, progress_, {});
   ASSERT_EQ(training.samples().size(), 1U) << "the other one shows no head";
   EXPECT_EQ(training.samples()[0].group, 3);
-  EXPECT_TRUE(training.samples()[0].asked);
+  EXPECT_TRUE(training.samples()[0].nominal);
   // Directions are in the camera's frame, although the head is not in the middle of the image.
   const head_view::HeadView& view = training.samples()[0].view;
   EXPECT_GT((view.camera_from_view - Eigen::Matrix3d::Identity()).norm(), 0.02);
@@ -123,7 +123,7 @@ TEST_F(ViewTrainingTest, OfPointingIsWhereAPersonWasAskedToLook) {
   EXPECT_FALSE(scores.exact);
   ASSERT_TRUE(scores.pointing);
   EXPECT_EQ(scores.pointing->images, 2);
-  EXPECT_EQ(scores.pointing->found, 1);
+  EXPECT_EQ(scores.pointing->with_pose, 1);
 }
 
 TEST_F(ViewTrainingTest, OfAnnotatedFacesNeedsThePointsOfTheLandmarkModel) {

@@ -13,10 +13,10 @@ std::vector<BoxedImage> boxes_from_landmarks(const LandmarkSet& set, double side
   TARSIER_REQUIRE(sides >= 1 && sides <= 10, "sides {}", sides);
   set.check();
   std::vector<BoxedImage> images;
-  std::map<std::string, std::size_t> place;
+  std::map<std::string, std::size_t> index_of_image;
   std::set<std::string> unclear;  // images with an object at an unknown position
   for (const LandmarkSample& sample : set.samples) {
-    const auto [found, is_new] = place.try_emplace(sample.image, images.size());
+    const auto [found, is_new] = index_of_image.try_emplace(sample.image, images.size());
     if (is_new) images.push_back({sample.image, {}, {}, {}});
     BoxedImage& image = images[found->second];
     Eigen::Vector2d center = Eigen::Vector2d::Zero();

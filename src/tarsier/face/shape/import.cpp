@@ -101,7 +101,7 @@ class ShapeFiles {
     if (!options_.images.empty()) folders.emplace_back(options_.images);
     folders.push_back(path.parent_path());
     for (const fs::path& folder : folders) {
-      std::string image = image_beside((folder / path.stem()).string());
+      std::string image = find_image((folder / path.stem()).string());
       if (!image.empty()) return image;
       // Accept only a plain file name: the annotation must not refer to other folders.
       if (!host.empty() && host.find('/') == std::string::npos &&
@@ -206,9 +206,9 @@ void TextLines::fail(const std::string& reason) const {
   throw InputError(path_, fmt::format("line {}: {}", line_, reason));
 }
 
-double TextLines::number(std::string_view word, double most) const {
+double TextLines::number(std::string_view word, double max_abs) const {
   const auto value = to_number(word);
-  if (!value || std::abs(*value) > most) fail("a number is expected");
+  if (!value || std::abs(*value) > max_abs) fail("a number is expected");
   return *value;
 }
 
@@ -218,7 +218,7 @@ int TextLines::integer(std::string_view word, int low, int high) const {
   return static_cast<int>(*value);
 }
 
-std::optional<std::string_view> cut_cell(std::optional<std::string_view>& rest) {
+std::optional<std::string_view> next_cell(std::optional<std::string_view>& rest) {
   if (!rest) return std::nullopt;
   const std::size_t comma = rest->find(',');
   const std::string_view cell = trimmed(rest->substr(0, comma));
@@ -229,7 +229,7 @@ std::optional<std::string_view> cut_cell(std::optional<std::string_view>& rest) 
   return cell;
 }
 
-std::string image_beside(const std::string& stem) {
+std::string find_image(const std::string& stem) {
   for (const char* ending : {".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".ppm", ".JPG", ".JPEG",
                              ".PNG", ".BMP", ".PGM", ".PPM"}) {
     if (is_file(stem + ending)) return stem + ending;

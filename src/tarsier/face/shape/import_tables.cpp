@@ -316,9 +316,9 @@ void import_muct(const std::string& path, const ImportOptions& options, Imported
   const std::string text = read_file(path, kMaxTableBytes);
   TextLines lines(path, text);
   const fs::path folder = fs::path(path).parent_path();
-  std::vector<fs::path> places;
-  if (!options.images.empty()) places.emplace_back(options.images);
-  for (const char* below : {"", "jpg", "../jpg"}) places.push_back(folder / below);
+  std::vector<fs::path> folders;
+  if (!options.images.empty()) folders.emplace_back(options.images);
+  for (const char* below : {"", "jpg", "../jpg"}) folders.push_back(folder / below);
 
   bool is_header = true;
   while (const auto line = lines.next()) {
@@ -328,11 +328,11 @@ void import_muct(const std::string& path, const ImportOptions& options, Imported
       continue;
     }
     std::optional<std::string_view> rest = line;
-    const std::string_view name = *cut_cell(rest);
+    const std::string_view name = *next_cell(rest);
     if (!is_plain_name(name)) lines.fail("no name of an image");
-    (void)cut_cell(rest);  // tag
+    (void)next_cell(rest);  // tag
     std::vector<double> numbers;
-    while (const auto cell = cut_cell(rest)) {
+    while (const auto cell = next_cell(rest)) {
       if (numbers.size() >= 2 * static_cast<std::size_t>(kMaxPoints))
         lines.fail(fmt::format("more than {} points", kMaxPoints));
       numbers.push_back(lines.number(*cell, kMaxImportedCoordinate));
@@ -348,8 +348,8 @@ void import_muct(const std::string& path, const ImportOptions& options, Imported
     LandmarkSet& set = imported.set;
     if (!set.samples.empty() && set.points() != sample.points.cols())
       lines.fail(fmt::format("{} points, {} before", sample.points.cols(), set.points()));
-    for (const fs::path& place : places) {
-      sample.image = image_beside((place / name).string());
+    for (const fs::path& image_folder : folders) {
+      sample.image = find_image((image_folder / name).string());
       if (!sample.image.empty()) break;
     }
     if (sample.image.empty()) {

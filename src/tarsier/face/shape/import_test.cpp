@@ -104,7 +104,7 @@ TEST_F(Import, RefusesBadAsf) {
   EXPECT_EQ(refused("1\n" + row + "a.png\n"), "accepted");
 }
 
-TEST_F(Import, FolderTakesWhatHasAnImage) {
+TEST_F(Import, FolderImportsSamplesWithImages) {
   write("set/b.pts", kPts);
   add_test_image("set/b.png");
   write("set/a.pts", kPts);
@@ -131,7 +131,7 @@ TEST_F(Import, FolderTakesWhatHasAnImage) {
   EXPECT_THAT(refusal([&] { (void)import_landmarks(path("set/b.xyz")); }), HasSubstr("b.xyz"));
 }
 
-TEST_F(Import, ListGivesOrderAndPaths) {
+TEST_F(Import, ListKeepsOrderAndPaths) {
   write("set/b.pts", kPts);
   add_test_image("set/b.png");
   write("set/a b.pts", kPts);

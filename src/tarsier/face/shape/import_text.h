@@ -23,8 +23,8 @@ class TextLines {
   std::optional<std::string_view> next();
   // Throws InputError(path, "line N: reason") for the last line that was read.
   [[noreturn]] void fail(const std::string& reason) const;
-  // The word as a number within +-`most`; calls fail() if it is not.
-  [[nodiscard]] double number(std::string_view word, double most) const;
+  // The word as a number within +-`max_abs`; calls fail() if it is not.
+  [[nodiscard]] double number(std::string_view word, double max_abs) const;
   [[nodiscard]] int integer(std::string_view word, int low, int high) const;
 
  private:
@@ -34,11 +34,11 @@ class TextLines {
 };
 
 // Removes and returns the next cell of `rest`, up to a comma, trimmed; empty at its end.
-std::optional<std::string_view> cut_cell(std::optional<std::string_view>& rest);
+std::optional<std::string_view> next_cell(std::optional<std::string_view>& rest);
 
 // The existing image with the path `stem` (without extension) and the first supported extension; ""
 // if there is none.
-[[nodiscard]] std::string image_beside(const std::string& stem);
+[[nodiscard]] std::string find_image(const std::string& stem);
 
 // Import the samples of a table; missing images are listed in `skipped`.
 void import_muct(const std::string& path, const ImportOptions& options, Imported& imported);

@@ -63,7 +63,7 @@ TEST(LandmarkSet, ChecksNumbersAndSymmetry) {
   refused([](LandmarkSet& s) { s.samples[0].box = cv::Rect2d(0, 0, 0, 5); });
 }
 
-TEST(LandmarkSet, KnowsWhatIsMissing) {
+TEST(LandmarkSet, ReportsMissingPoints) {
   const LandmarkSet set = small_set();
   EXPECT_TRUE(set.samples[0].is_complete());
   EXPECT_FALSE(set.samples[1].is_complete());
@@ -93,9 +93,9 @@ TEST(Mirrored, MovesPointsAndBoxWithThePixels) {
   EXPECT_EQ(other.points(1, 1), sample.points(1, 0));
   const cv::Rect box = *sample.box;
   const cv::Rect mirrored_box = *other.box;
-  cv::Mat cut;
-  cv::flip(flipped(mirrored_box), cut, 1);
-  EXPECT_EQ(cv::norm(cut, image(box), cv::NORM_INF), 0);
+  cv::Mat crop;
+  cv::flip(flipped(mirrored_box), crop, 1);
+  EXPECT_EQ(cv::norm(crop, image(box), cv::NORM_INF), 0);
 
   const LandmarkSample again = mirrored(other, {1, 0, 2}, 60);
   EXPECT_LT((again.points - sample.points).norm(), 1e-12);
@@ -105,7 +105,7 @@ TEST(Mirrored, MovesPointsAndBoxWithThePixels) {
   EXPECT_THROW((void)mirrored(sample, {1, 0, 7}, 60), std::invalid_argument);
 }
 
-TEST(KnownMarkup, IsWholeAndSymmetric) {
+TEST(KnownMarkup, IsCompleteAndSymmetric) {
   for (const int points : {68, 73, 76}) {
     const auto markup = known_markup(points);
     ASSERT_TRUE(markup.has_value()) << points;
@@ -151,7 +151,7 @@ class LandmarkFile : public FolderTest {
   }
 };
 
-TEST_F(LandmarkFile, ComesBackExactly) {
+TEST_F(LandmarkFile, RoundTrip) {
   const LandmarkSet set = small_set();
   write_landmark_set(path("s.json"), set, folder_);
   const LandmarkSet read = read_landmark_set(path("s.json"));
@@ -168,7 +168,7 @@ TEST_F(LandmarkFile, ComesBackExactly) {
   EXPECT_EQ(read.connections, set.connections);
 }
 
-TEST_F(LandmarkFile, PathsLeadToTheSameImageFromThere) {
+TEST_F(LandmarkFile, PathsReferToTheSameImages) {
   LandmarkSet set = small_set();
   std::filesystem::create_directories(path("sets"));
   // Beside the images: relative paths, also if the images were given from another folder.
@@ -185,7 +185,7 @@ TEST_F(LandmarkFile, PathsLeadToTheSameImageFromThere) {
   EXPECT_EQ(read_landmark_set(path("s.json")).samples[0].image, folder_ + "x/a.png");
 }
 
-TEST_F(LandmarkFile, RefusesWhatIsNoSet) {
+TEST_F(LandmarkFile, RejectsInvalidFiles) {
   const auto sample = [](const json& points, const json& image = "a.png") {
     return json{{"samples", {{{"image", image}, {"points", points}}}}};
   };
@@ -234,7 +234,7 @@ TEST_F(LandmarkFile, SheetShowsImagesPointsAndReasons) {
   EXPECT_THROW((void)contact_sheet({}, "", 100, 2, 10, {}), std::invalid_argument);
 }
 
-TEST(DrawLandmarks, ColoursTheSides) {
+TEST(DrawLandmarks, ColoursLeftAndRightPoints) {
   cv::Mat image = cv::Mat::zeros(60, 100, CV_8UC3);
   Eigen::Matrix2Xd points(2, 4);
   points << 20, 80, 50, kNan, 30, 30, 30, kNan;

@@ -121,10 +121,10 @@ class Delaunay {
   std::vector<Triangle> triangles_;
 };
 
-void check_apart(const Eigen::Matrix2Xd& points) {
+void check_distinct(const Eigen::Matrix2Xd& points) {
   const double extent = (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).maxCoeff();
   TARSIER_REQUIRE(extent > 0, "points that coincide");
-  const double least = 1e-9 * extent;
+  const double min_distance = 1e-9 * extent;
   std::vector<int> order(static_cast<std::size_t>(points.cols()));
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = static_cast<int>(i);
   std::sort(order.begin(), order.end(),
@@ -132,8 +132,8 @@ void check_apart(const Eigen::Matrix2Xd& points) {
   for (std::size_t i = 0; i < order.size(); ++i) {
     for (std::size_t k = i + 1; k < order.size(); ++k) {
       const Eigen::Vector2d step = points.col(order[k]) - points.col(order[i]);
-      if (step.x() > least) break;
-      TARSIER_REQUIRE(step.norm() > least, "points {} and {} coincide",
+      if (step.x() > min_distance) break;
+      TARSIER_REQUIRE(step.norm() > min_distance, "points {} and {} coincide",
                       std::min(order[i], order[k]), std::max(order[i], order[k]));
     }
   }
@@ -144,11 +144,11 @@ void check_apart(const Eigen::Matrix2Xd& points) {
 std::vector<Triangle> delaunay(const Eigen::Matrix2Xd& points) {
   TARSIER_REQUIRE(points.cols() >= 3, "{} points; three are needed", points.cols());
   TARSIER_REQUIRE(points.allFinite(), "a point is not finite");
-  check_apart(points);
+  check_distinct(points);
   return Delaunay(points).run();
 }
 
-int folded(const std::vector<Triangle>& mesh, const Eigen::Matrix2Xd& points) {
+int count_folded(const std::vector<Triangle>& mesh, const Eigen::Matrix2Xd& points) {
   int count = 0;
   for (const auto& [a, b, c] : mesh) {
     TARSIER_REQUIRE(

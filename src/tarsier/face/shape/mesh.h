@@ -18,6 +18,6 @@ using Triangle = std::array<int, 3>;  // indices of points, with positive area (
 [[nodiscard]] std::vector<Triangle> delaunay(const Eigen::Matrix2Xd& points);
 
 // Number of folded triangles: those whose area at `points` is 0 or has the opposite sign.
-[[nodiscard]] int folded(const std::vector<Triangle>& mesh, const Eigen::Matrix2Xd& points);
+[[nodiscard]] int count_folded(const std::vector<Triangle>& mesh, const Eigen::Matrix2Xd& points);
 
 }  // namespace tarsier::face::shape

@@ -46,7 +46,7 @@ double hull_area(const Matrix2Xd& points) {
 
 // The guarantees of the header, up to rounding in this test.
 void expect_delaunay(const Matrix2Xd& points, const std::vector<Triangle>& mesh) {
-  EXPECT_EQ(folded(mesh, points), 0);
+  EXPECT_EQ(count_folded(mesh, points), 0);
   EXPECT_TRUE(std::is_sorted(mesh.begin(), mesh.end()));
   double area = 0;
   std::map<std::pair<int, int>, int> edges;
@@ -77,7 +77,7 @@ void expect_delaunay(const Matrix2Xd& points, const std::vector<Triangle>& mesh)
   EXPECT_TRUE(std::all_of(is_used.begin(), is_used.end(), [](bool used) { return used; }));
 }
 
-TEST(Delaunay, RandomPointsHaveEmptyCircles) {
+TEST(Delaunay, CircumcirclesOfRandomPointsAreEmpty) {
   Rng rng(1);
   for (int k = 0; k < 60; ++k) {
     Matrix2Xd points(2, rng.integer(3, 60));
@@ -86,7 +86,7 @@ TEST(Delaunay, RandomPointsHaveEmptyCircles) {
   }
 }
 
-TEST(Delaunay, GridsThoughAllCirclesTouch) {
+TEST(Delaunay, TriangulatesGrids) {
   for (const double angle : {0.0, 0.3, 1.1}) {
     Matrix2Xd points(2, 49);
     for (int i = 0; i < 49; ++i) {
@@ -100,12 +100,12 @@ TEST(Delaunay, GridsThoughAllCirclesTouch) {
       EXPECT_EQ(mesh.size(), 72U);
       expect_delaunay(points, mesh);
     }
-    EXPECT_EQ(folded(mesh, points), 0);
+    EXPECT_EQ(count_folded(mesh, points), 0);
     EXPECT_GE(mesh.size(), 72U);
   }
 }
 
-TEST(Delaunay, PointsOnTheEdgeAndOnACircle) {
+TEST(Delaunay, TriangulatesCollinearAndCocircularPoints) {
   Matrix2Xd edge(2, 5);
   edge << 0, 4, 2, 2, 1, 0, 0, 3, 0, 0;
   const auto mesh = delaunay(edge);
@@ -118,7 +118,7 @@ TEST(Delaunay, PointsOnTheEdgeAndOnACircle) {
   expect_delaunay(circle, fan);
 }
 
-TEST(Delaunay, IsTheSameWhereverThePointsLie) {
+TEST(Delaunay, IsInvariantToScaleAndTranslation) {
   Rng rng(2);
   Matrix2Xd points(2, 30);
   for (Eigen::Index i = 0; i < points.size(); ++i) points.data()[i] = rng.uniform();
@@ -126,7 +126,7 @@ TEST(Delaunay, IsTheSameWhereverThePointsLie) {
   EXPECT_EQ(delaunay((points * 1e4).colwise() + Vector2d(1e5, -2e5)), mesh);
 }
 
-TEST(Delaunay, RefusesWhatHasNoMesh) {
+TEST(Delaunay, RejectsDegeneratePoints) {
   const auto refused = [](const Matrix2Xd& points) {
     EXPECT_THROW((void)delaunay(points), std::invalid_argument);
   };
@@ -147,17 +147,17 @@ TEST(Delaunay, RefusesWhatHasNoMesh) {
   refused(Matrix2Xd::Ones(2, 5));
 }
 
-TEST(Folded, CountsTrianglesTurnedOver) {
+TEST(CountFolded, CountsInvertedTriangles) {
   Matrix2Xd points(2, 4);
   points << 0, 4, 4, 0, 0, 0, 4, 4;
   const auto mesh = delaunay(points);
   ASSERT_EQ(mesh.size(), 2U);
-  EXPECT_EQ(folded(mesh, points), 0);
+  EXPECT_EQ(count_folded(mesh, points), 0);
   Matrix2Xd mirrored = points;
   mirrored.row(0) *= -1;
-  EXPECT_EQ(folded(mesh, mirrored), 2);
-  EXPECT_EQ(folded(mesh, Matrix2Xd::Zero(2, 4)), 2);
-  EXPECT_THROW((void)folded(mesh, points.leftCols(3)), std::invalid_argument);
+  EXPECT_EQ(count_folded(mesh, mirrored), 2);
+  EXPECT_EQ(count_folded(mesh, Matrix2Xd::Zero(2, 4)), 2);
+  EXPECT_THROW((void)count_folded(mesh, points.leftCols(3)), std::invalid_argument);
 }
 
 }  // namespace

@@ -13,7 +13,7 @@ namespace tarsier::face::shape {
 namespace {
 
 // Barycentric coordinates down to this value count as on the edge.
-constexpr double kOnEdge = -1e-9;
+constexpr double kEdgeTolerance = -1e-9;
 constexpr double kMaxCoordinate = 1e7;  // px
 
 // Barycentric coordinates of a triangle as affine functions of the position: the second is bx x +
@@ -69,13 +69,13 @@ cv::Rect bounds_of(const Eigen::Matrix2Xd& points, const Triangle& triangle, cv:
          cv::Rect({0, 0}, size);
 }
 
-// Limits [first, last] to the pixels x of a row where a + b x >= kOnEdge.
+// Limits [first, last] to the pixels x of a row where a + b x >= kEdgeTolerance.
 void narrow(double a, double b, double& first, double& last) {
   if (b > 0)
-    first = std::max(first, (kOnEdge - a) / b);
+    first = std::max(first, (kEdgeTolerance - a) / b);
   else if (b < 0)
-    last = std::min(last, (kOnEdge - a) / b);
-  else if (a < kOnEdge)
+    last = std::min(last, (kEdgeTolerance - a) / b);
+  else if (a < kEdgeTolerance)
     last = first - 1;
 }
 
@@ -222,7 +222,7 @@ PiecewiseWarp::PiecewiseWarp(const Eigen::Matrix2Xd& frame_points, std::vector<T
   TARSIER_REQUIRE(!mesh_.empty() && frame_points_.cols() >= 3, "{} triangles of {} points",
                   mesh_.size(), frame_points_.cols());
   require_points(frame_points_, frame_points_.cols());
-  TARSIER_REQUIRE(folded(mesh_, frame_points_) == 0, "the mesh folds in its frame");
+  TARSIER_REQUIRE(count_folded(mesh_, frame_points_) == 0, "the mesh folds in its frame");
 
   // Triangle of each pixel: the first one that contains it.
   cv::Mat owner(size_, CV_32S, cv::Scalar(-1));

@@ -69,7 +69,7 @@ TEST(PiecewiseWarp, PixelsLieInTheirTriangles) {
   }
 }
 
-TEST(PiecewiseWarp, TakesPartToItsEdges) {
+TEST(PiecewiseWarp, CoversTheFrameToItsEdges) {
   EXPECT_EQ(whole_warp().pixels().size(), 40U * 30U);  // no gap between triangles either
 }
 
@@ -106,7 +106,7 @@ TEST(PiecewiseWarp, AffineMapsAreExact) {
   }
 }
 
-TEST(PiecewiseWarp, PointsMeetTheirPoints) {
+TEST(PiecewiseWarp, MapsFramePointsToImagePoints) {
   // Not affine: each point of the frame on a pixel shows the value at its own position in the
   // image.
   const PiecewiseWarp warp = whole_warp();
@@ -125,7 +125,7 @@ TEST(PiecewiseWarp, PointsMeetTheirPoints) {
   EXPECT_NEAR(out[8 * 40 + 30], 90 + 24000, 1e-1);
 }
 
-TEST(PiecewiseWarp, ThereAndBackIsNearlyTheImage) {
+TEST(PiecewiseWarp, RoundTripIsNearlyTheImage) {
   Rng rng(1);
   for (const int type : {CV_8UC1, CV_8UC3}) {
     const cv::Mat image = smooth_image({160, 120}, type);
@@ -158,7 +158,7 @@ TEST(PiecewiseWarp, ThereAndBackIsNearlyTheImage) {
   }
 }
 
-TEST(PiecewiseWarp, OutsideTheImageIsItsEdge) {
+TEST(PiecewiseWarp, ReplicatesTheBorderOutsideTheImage) {
   const PiecewiseWarp warp = whole_warp();
   const cv::Mat image = smooth_image({40, 30}, CV_8UC1);
   Matrix2Xd points = whole_frame();
@@ -178,7 +178,7 @@ TEST(PiecewiseWarp, OutsideTheImageIsItsEdge) {
   EXPECT_EQ(out.back(), 3);
 }
 
-TEST(PiecewiseWarp, LaterTrianglesLieOverEarlierOnes) {
+TEST(PiecewiseWarp, LaterTrianglesCoverEarlierOnes) {
   Matrix2Xd frame(2, 4);
   frame << 0, 9, 9, 0, 0, 0, 9, 9;
   const std::vector<Triangle> mesh{{0, 1, 2}, {0, 2, 3}};
@@ -200,7 +200,7 @@ TEST(PiecewiseWarp, LaterTrianglesLieOverEarlierOnes) {
   EXPECT_EQ(cv::countNonZero(untouched), 0);
 }
 
-TEST(PiecewiseWarp, RefusesWhatDoesNotFit) {
+TEST(PiecewiseWarp, RejectsInvalidInput) {
   const Matrix2Xd points = whole_frame();
   const auto mesh = delaunay(points);
   EXPECT_THROW(PiecewiseWarp(points, {}, {40, 30}), std::invalid_argument);

@@ -24,9 +24,9 @@ constexpr double kTolerance = 1e-10;  // of b, relative to the greatest deviatio
 // (J: rotation by 90 degrees), the optimal scale for a rotation by t is (u cos t + v sin t) /
 // |mean|^2, and the optimal scale * b is p cos t + r sin t. The explained part is a quadratic form
 // in (cos t, sin t); its principal direction is the optimal t.
-class PlainFit {
+class UnweightedFit {
  public:
-  PlainFit(const ShapeModel& model, const Matrix2Xd& points) : model_(model) {
+  UnweightedFit(const ShapeModel& model, const Matrix2Xd& points) : model_(model) {
     centre_ = points.rowwise().mean();
     const Index n = points.cols();
     MatrixXd q(2 * n, 2);
@@ -151,7 +151,7 @@ class WeightedFit {
         shift_(k, 1) += weights_[2 * i] * columns_(2 * i + 1, k);
       }
     }
-    take_prior(noise * noise);
+    set_prior(noise * noise);
     c_ = VectorXd::Zero(1 + m);
     c_[0] = 1;
   }
@@ -164,9 +164,9 @@ class WeightedFit {
       bool is_out = false;
       for (Index k = 0; k < m; ++k) {
         double& b = c_[1 + k];
-        const double most = sigmas * model_.deviation[k];
-        if (std::abs(b) <= most) continue;
-        b = std::copysign(most, b);
+        const double limit = sigmas * model_.deviation[k];
+        if (std::abs(b) <= limit) continue;
+        b = std::copysign(limit, b);
         is_fixed_[static_cast<std::size_t>(k)] = true;
         is_out = true;
       }
@@ -177,17 +177,17 @@ class WeightedFit {
   }
 
  private:
-  void take_prior(double noise2) {
+  void set_prior(double noise2) {
     const Index m = model_.modes.cols();
     // With too few points for all modes, the solution is the one nearest to the mean.
-    const double least = 1e-14 * weights_.maxCoeff();
+    const double min_noise2 = 1e-14 * weights_.maxCoeff();
     prior_.setZero(m);
     is_fixed_.assign(static_cast<std::size_t>(m), false);
     for (Index k = 0; k < m; ++k) {
       const double deviation = std::max(model_.deviation[k], 1e-4 * model_.deviation[0]);
       is_fixed_[static_cast<std::size_t>(k)] =
           !(deviation > 0) || (noise2 > 0 && !(model_.deviation[k] > 0));
-      if (deviation > 0) prior_[k] = std::max(noise2, least) / (deviation * deviation);
+      if (deviation > 0) prior_[k] = std::max(noise2, min_noise2) / (deviation * deviation);
     }
   }
 
@@ -291,7 +291,7 @@ ShapeFit fit_shape(const ShapeModel& model, const Matrix2Xd& points, const Vecto
   if (model.modes.cols() == 0)
     return {fit_similarity(model.mean, points, weights), VectorXd::Zero(0)};
   if (weights.size() == 0 && noise == 0 && !points.hasNaN())
-    return PlainFit(model, points).solve(sigmas);
+    return UnweightedFit(model, points).solve(sigmas);
   TARSIER_REQUIRE(weights.size() == 0 || (weights.allFinite() && weights.minCoeff() >= 0),
                   "a weight is negative or not finite");
   return WeightedFit(model, points, weights, noise).solve(sigmas);

@@ -116,22 +116,22 @@ Spectrum principal_components(const MatrixXd& residuals, double count) {
   return spectrum;
 }
 
-void take_modes(ShapeModel& model, const Spectrum& spectrum, const MatrixXd& directions,
-                const ShapeModelOptions& options) {
+void set_modes(ShapeModel& model, const Spectrum& spectrum, const MatrixXd& directions,
+               const ShapeModelOptions& options) {
   // For equal shapes, only rounding errors remain.
-  const double least =
+  const double min_variance =
       std::max(1e-20 * static_cast<double>(model.mean.size()), 1e-13 * spectrum.total);
-  const Index most = std::min<Index>(
+  const Index max_count = std::min<Index>(
       {options.max_modes, spectrum.variances.size(), std::max<Index>(0, model.mean.size() - 4)});
   Index count = 0;
   double kept = 0;
-  while (count < most && spectrum.variances[count] > least &&
+  while (count < max_count && spectrum.variances[count] > min_variance &&
          kept < options.variance * spectrum.total) {
     kept += spectrum.variances[count++];
   }
   model.modes.resize(model.mean.size(), count);
   model.deviation = spectrum.variances.head(count).cwiseSqrt();
-  model.variance_kept = spectrum.total > least ? std::min(1.0, kept / spectrum.total) : 1.0;
+  model.variance_kept = spectrum.total > min_variance ? std::min(1.0, kept / spectrum.total) : 1.0;
   for (Index k = 0; k < count; ++k) {
     VectorXd mode = spectrum.modes.col(k).normalized();
     for (int pass = 0; pass < 2; ++pass) {
@@ -202,8 +202,8 @@ ShapeModel train_shape_model(const std::vector<Matrix2Xd>& shapes,
   for (std::size_t k = 0; k < complete.size(); ++k)
     residuals.col(static_cast<Index>(k)) = flat(aligned_to(model.mean, complete[k]) - model.mean);
   residuals -= directions * (directions.transpose() * residuals).eval();
-  take_modes(model, principal_components(residuals, static_cast<double>(complete.size())),
-             directions, options);
+  set_modes(model, principal_components(residuals, static_cast<double>(complete.size())),
+            directions, options);
   return model;
 }
 
@@ -228,9 +228,9 @@ bool clamp(const ShapeModel& model, VectorXd& b, double sigmas) {
   TARSIER_REQUIRE(sigmas >= 0, "sigmas {}", sigmas);
   bool was_out = false;
   for (Index k = 0; k < b.size(); ++k) {
-    const double most = sigmas * model.deviation[k];
-    if (std::abs(b[k]) <= most) continue;
-    b[k] = std::copysign(most, b[k]);
+    const double limit = sigmas * model.deviation[k];
+    if (std::abs(b[k]) <= limit) continue;
+    b[k] = std::copysign(limit, b[k]);
     was_out = true;
   }
   return was_out;

@@ -71,7 +71,7 @@ double weighted_error(const ShapeModel& model, const ShapeFit& fit, const Matrix
   return sum;
 }
 
-TEST(Similarity, FitsExactlyWhateverTheRotation) {
+TEST(Similarity, FitsExactlyForAnyRotation) {
   Rng rng(1);
   for (int k = 0; k < 50; ++k) {
     Matrix2Xd source(2, 5);
@@ -96,13 +96,13 @@ TEST(Similarity, FitsExactlyWhateverTheRotation) {
   }
 }
 
-TEST(Similarity, TurnsFromXTowardsY) {
+TEST(Similarity, PositiveAngleRotatesXTowardsY) {
   const Similarity2d quarter{0, 1, 0, 0};
   EXPECT_NEAR(quarter.angle(), std::numbers::pi / 2, 1e-12);
   EXPECT_LT((quarter(Eigen::Vector2d(1, 0)) - Eigen::Vector2d(0, 1)).norm(), 1e-12);
 }
 
-TEST(Similarity, RefusesWhatHasNoAnswer) {
+TEST(Similarity, RejectsDegenerateInput) {
   Matrix2Xd points(2, 3);
   points << 1, 2, 3, 4, 5, 7;
   Matrix2Xd one = points;
@@ -115,7 +115,7 @@ TEST(Similarity, RefusesWhatHasNoAnswer) {
   EXPECT_THROW((void)Similarity2d({0, 0, 1, 1}).inverse(), std::invalid_argument);
 }
 
-TEST(TrainShapeModel, FindsTheModelThatMadeTheShapes) {
+TEST(TrainShapeModel, RecoversTheGeneratingModel) {
   Rng rng(2);
   const ShapeModel truth = random_model(rng, 20, {0.8, 0.5, 0.25});
   std::vector<Matrix2Xd> shapes;
@@ -148,7 +148,7 @@ TEST(TrainShapeModel, FindsTheModelThatMadeTheShapes) {
   }
 }
 
-TEST(TrainShapeModel, StandsUprightAsItsShapesDo) {
+TEST(TrainShapeModel, HasTheMeanOrientationOfTheShapes) {
   Rng rng(3);
   const ShapeModel truth = random_model(rng, 12, {0.3});
   std::vector<Matrix2Xd> shapes;
@@ -162,7 +162,7 @@ TEST(TrainShapeModel, StandsUprightAsItsShapesDo) {
   EXPECT_NEAR(fit_similarity(model.mean, truth.mean).angle(), 0, 0.02);
 }
 
-TEST(TrainShapeModel, KeepsTheShareOfVarianceThatIsAskedFor) {
+TEST(TrainShapeModel, KeepsTheRequestedVariance) {
   Rng rng(4);
   const ShapeModel truth = random_model(rng, 15, {0.9, 0.3, 0.1, 0.03});
   std::vector<Matrix2Xd> shapes;
@@ -173,9 +173,9 @@ TEST(TrainShapeModel, KeepsTheShareOfVarianceThatIsAskedFor) {
   }
   ShapeModelOptions options;
   options.iterations = 1000;
-  const auto modes = [&](double variance, int most) {
+  const auto modes = [&](double variance, int max_modes) {
     options.variance = variance;
-    options.max_modes = most;
+    options.max_modes = max_modes;
     const ShapeModel model = train_shape_model(shapes, options);
     model.check();
     return std::pair(model.mode_count(), model.variance_kept);
@@ -215,7 +215,7 @@ TEST(TrainShapeModel, MirroredShapesMakeASymmetricMean) {
   EXPECT_THROW((void)train_shape_model(set, options), std::invalid_argument);
 }
 
-TEST(TrainShapeModel, AlikeShapesHaveNoModes) {
+TEST(TrainShapeModel, EqualShapesHaveNoModes) {
   Rng rng(6);
   const ShapeModel truth = random_model(rng, 8, {0.1});
   std::vector<Matrix2Xd> shapes(3, truth.mean);
@@ -229,7 +229,7 @@ TEST(TrainShapeModel, AlikeShapesHaveNoModes) {
             1e-9 * shapes[1].norm());
 }
 
-TEST(TrainShapeModel, RefusesWhatMakesNoModel) {
+TEST(TrainShapeModel, RejectsInvalidShapes) {
   Matrix2Xd shape(2, 3);
   shape << 1, 2, 3, 4, 5, 7;
   Matrix2Xd missing = shape;
@@ -246,7 +246,7 @@ TEST(TrainShapeModel, RefusesWhatMakesNoModel) {
                std::invalid_argument);
 }
 
-TEST(FitShape, GivesBackTheParametersThatMadeTheShape) {
+TEST(FitShape, RecoversTheGeneratingParameters) {
   Rng rng(7);
   const ShapeModel model =
       random_model(rng, 40, {1.2, 0.9, 0.7, 0.4, 0.3, 0.2, 0.2, 0.1, 0.05, 0.02});
@@ -275,7 +275,7 @@ TEST(FitShape, GivesBackTheParametersThatMadeTheShape) {
   }
 }
 
-TEST(FitShape, NothingNearIsBetter) {
+TEST(FitShape, IsALocalMinimum) {
   Rng rng(8);
   const ShapeModel model = random_model(rng, 30, {0.8, 0.5, 0.3, 0.1});
   for (int k = 0; k < 60; ++k) {
@@ -283,22 +283,22 @@ TEST(FitShape, NothingNearIsBetter) {
     const double sigmas = k % 2 == 0 ? 1.0 : 0.0;
     Matrix2Xd points = shape_of(model, random_b(rng, model, 2));
     for (Index i = 0; i < points.size(); ++i) points.data()[i] += 0.2 * rng.normal();
-    const Similarity2d place = random_similarity(rng);
-    points = place(points);
+    const Similarity2d similarity = random_similarity(rng);
+    points = similarity(points);
     VectorXd weights;
     if (k % 4 < 2) {
       weights.resize(30);
       for (Index i = 0; i < 30; ++i) weights[i] = rng.uniform(0.1, 1);
     }
     const ShapeFit fit = fit_shape(model, points, weights, sigmas);
-    const double least = weighted_error(model, fit, points, weights);
+    const double min_error = weighted_error(model, fit, points, weights);
     for (int trial = 0; trial < 40; ++trial) {
       ShapeFit other = fit;
       for (Index i = 0; i < other.b.size(); ++i)
         other.b[i] += 0.01 * model.deviation[i] * rng.normal();
       if (sigmas > 0) clamp(model, other.b, sigmas);
       other.image_from_model = fit_similarity(shape_of(model, other.b), points, weights);
-      EXPECT_GE(weighted_error(model, other, points, weights), least * (1 - 1e-9));
+      EXPECT_GE(weighted_error(model, other, points, weights), min_error * (1 - 1e-9));
     }
     if (sigmas > 0) {
       for (Index i = 0; i < fit.b.size(); ++i)
@@ -307,7 +307,7 @@ TEST(FitShape, NothingNearIsBetter) {
   }
 }
 
-TEST(FitShape, EqualWeightsAreNoWeights) {
+TEST(FitShape, EqualWeightsMatchNoWeights) {
   Rng rng(9);
   const ShapeModel model = random_model(rng, 25, {0.6, 0.4, 0.2});
   Matrix2Xd points = shape_of(model, random_b(rng, model, 2));
@@ -318,7 +318,7 @@ TEST(FitShape, EqualWeightsAreNoWeights) {
   EXPECT_NEAR(plain.image_from_model.a, weighted.image_from_model.a, 1e-7);
 }
 
-TEST(FitShape, NoiseDrawsTowardsTheMean) {
+TEST(FitShape, NoiseShrinksParametersTowardsZero) {
   Rng rng(10);
   const ShapeModel model = random_model(rng, 25, {0.6, 0.4, 0.2});
   const VectorXd b = model.deviation * 2;
@@ -337,7 +337,7 @@ TEST(FitShape, NoiseDrawsTowardsTheMean) {
   EXPECT_NEAR(fit.b[0], 0.01, 1e-5);
 }
 
-TEST(FitShape, FewPointsStillGiveAnAnswer) {
+TEST(FitShape, FitsFewPoints) {
   Rng rng(11);
   const ShapeModel model = random_model(rng, 30, {0.6, 0.4, 0.2, 0.1, 0.1});
   Matrix2Xd points = random_similarity(rng)(model.mean);
@@ -353,7 +353,7 @@ TEST(FitShape, FewPointsStillGiveAnAnswer) {
                std::invalid_argument);
 }
 
-TEST(FitShape, PointsInOnePlaceHaveNoShape) {
+TEST(FitShape, StaysFiniteForCoincidingPoints) {
   Rng rng(12);
   const ShapeModel model = random_model(rng, 10, {0.3});
   const ShapeFit fit = fit_shape(model, Matrix2Xd::Constant(2, 10, 7.0));
@@ -361,7 +361,7 @@ TEST(FitShape, PointsInOnePlaceHaveNoShape) {
   EXPECT_LT((shape_of(model, fit).array() - 7).abs().maxCoeff(), 1e-9);
 }
 
-TEST(Clamp, SaysWhetherItHadTo) {
+TEST(Clamp, ReportsWhetherItChangedValues) {
   Rng rng(13);
   const ShapeModel model = random_model(rng, 10, {0.3, 0.2});
   VectorXd b(2);
@@ -372,7 +372,7 @@ TEST(Clamp, SaysWhetherItHadTo) {
   EXPECT_FALSE(clamp(model, b));
 }
 
-TEST(CombinedBasis, IsOrthonormalAndSpansSmallMoves) {
+TEST(CombinedBasis, IsOrthonormalAndSpansSimilarities) {
   Rng rng(14);
   const ShapeModel model = random_model(rng, 12, {0.3, 0.2});
   const MatrixXd basis = combined_basis(model);
@@ -384,7 +384,7 @@ TEST(CombinedBasis, IsOrthonormalAndSpansSmallMoves) {
 
 class ShapeModelFile : public FolderTest {};
 
-TEST_F(ShapeModelFile, ComesBackExactly) {
+TEST_F(ShapeModelFile, RoundTrip) {
   Rng rng(15);
   ShapeModel model = random_model(rng, 6, {0.3, 0.2});
   model.mirror = {1, 0, 2, 3, 5, 4};
@@ -401,7 +401,7 @@ TEST_F(ShapeModelFile, ComesBackExactly) {
   EXPECT_EQ(read.trained_on, 7);
 }
 
-TEST_F(ShapeModelFile, RefusesWhatIsNoModel) {
+TEST_F(ShapeModelFile, RejectsInvalidModels) {
   Rng rng(16);
   const nlohmann::json good = to_json(random_model(rng, 6, {0.3, 0.2}));
   const auto refusal = [&](auto change) -> std::string {

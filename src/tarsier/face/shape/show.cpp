@@ -26,8 +26,8 @@ const cv::Scalar kHiddenColor(70, 110, 250);
 const cv::Scalar kLeftColor(90, 220, 90);
 const cv::Scalar kRightColor(70, 110, 255);
 const cv::Scalar kBackground(92, 76, 62);  // grey-blue
-const cv::Scalar kFaint(134, 118, 104);
-const cv::Scalar kDark(40, 34, 28);
+const cv::Scalar kFaintColor(134, 118, 104);
+const cv::Scalar kDarkColor(40, 34, 28);
 constexpr int kFractionBits = 4;
 constexpr double kMaxSigma = 3;
 constexpr int kGap = 2;  // px between cells
@@ -77,13 +77,13 @@ std::vector<int> sides_of(const Matrix2Xd& points, const std::vector<int>& mirro
 }
 
 // The content of a cell: a square crop around the points (or the box, or the whole image).
-struct Cut {
+struct Crop {
   double x = 0;  // of its left upper pixel's centre
   double y = 0;
   double side = 1;
 };
 
-Cut cut_around(const LandmarkSample& sample, cv::Size image) {
+Crop crop_around(const LandmarkSample& sample, cv::Size image) {
   constexpr double kMargin = 0.25;  // of the larger side, on each side
   double left = 1e9;
   double top = 1e9;
@@ -110,9 +110,9 @@ Cut cut_around(const LandmarkSample& sample, cv::Size image) {
   return {(left + right - side) / 2, (top + bottom - side) / 2, side};
 }
 
-// Draws `cut` of the image in cell_px x cell_px; dark outside the image.
-cv::Mat cell_of(const cv::Mat& image, const Cut& cut, int cell_px) {
-  const double scale = cell_px / cut.side;
+// Draws `crop` of the image in cell_px x cell_px; dark outside the image.
+cv::Mat cell_of(const cv::Mat& image, const Crop& crop, int cell_px) {
+  const double scale = cell_px / crop.side;
   // Reduce by areas first: the affine warp alone would alias.
   cv::Mat source = image;
   double reduction = 1;
@@ -125,11 +125,12 @@ cv::Mat cell_of(const cv::Mat& image, const Cut& cut, int cell_px) {
   const double sx = static_cast<double>(source.cols) / image.cols;
   const double sy = static_cast<double>(source.rows) / image.rows;
   // Cell from source, pixel centres at integers.
-  const cv::Matx23d warp(scale / sx, 0, (0.5 / sx - 0.5 - cut.x) * scale + (scale - 1) / 2, 0,
-                         scale / sy, (0.5 / sy - 0.5 - cut.y) * scale + (scale - 1) / 2);
+  const cv::Matx23d warp(scale / sx, 0, (0.5 / sx - 0.5 - crop.x) * scale + (scale - 1) / 2, 0,
+                         scale / sy, (0.5 / sy - 0.5 - crop.y) * scale + (scale - 1) / 2);
   cv::Mat cell;
   cv::warpAffine(source, cell, warp, cv::Size(cell_px, cell_px),
-                 reduction < 1 ? cv::INTER_LINEAR : cv::INTER_CUBIC, cv::BORDER_CONSTANT, kDark);
+                 reduction < 1 ? cv::INTER_LINEAR : cv::INTER_CUBIC, cv::BORDER_CONSTANT,
+                 kDarkColor);
   return cell;
 }
 
@@ -154,17 +155,17 @@ void draw_sample(cv::Mat& cell, const LandmarkSet& set, const LandmarkSample& sa
   if (name.size() > letters) name = name.substr(name.size() - letters);
   try {
     const cv::Mat image = read_image(image_path(set_path, sample));
-    const Cut cut = cut_around(sample, image.size());
-    cell_of(image, cut, cell_px).copyTo(cell);
-    const double scale = cell_px / cut.side;
+    const Crop crop = crop_around(sample, image.size());
+    cell_of(image, crop, cell_px).copyTo(cell);
+    const double scale = cell_px / crop.side;
     Matrix2Xd points(2, sample.points.cols());
     for (Eigen::Index i = 0; i < points.cols(); ++i) {
-      points(0, i) = (sample.points(0, i) - cut.x + 0.5) * scale - 0.5;
-      points(1, i) = (sample.points(1, i) - cut.y + 0.5) * scale - 0.5;
+      points(0, i) = (sample.points(0, i) - crop.x + 0.5) * scale - 0.5;
+      points(1, i) = (sample.points(1, i) - crop.y + 0.5) * scale - 0.5;
     }
     draw_landmarks(cell, points, set.connections, set.mirror, style);
   } catch (const Error& error) {
-    cell.setTo(kDark);
+    cell.setTo(kDarkColor);
     std::string reason = error.what();
     if (const std::size_t colon = reason.rfind(": "); colon != std::string::npos)
       reason.erase(0, colon + 2);
@@ -179,40 +180,41 @@ void draw_sample(cv::Mat& cell, const LandmarkSet& set, const LandmarkSample& sa
 }
 
 // Half the width and height in the model's frame that all modes need at +-3 sigma.
-Eigen::Vector2d reach_of(const ShapeModel& model) {
-  Eigen::Vector2d reach = model.mean.cwiseAbs().rowwise().maxCoeff();
+Eigen::Vector2d half_extent_of(const ShapeModel& model) {
+  Eigen::Vector2d half_extent = model.mean.cwiseAbs().rowwise().maxCoeff();
   Eigen::VectorXd b = Eigen::VectorXd::Zero(model.mode_count());
   for (int k = 0; k < model.mode_count(); ++k) {
     for (const double sigma : {-kMaxSigma, kMaxSigma}) {
       b[k] = sigma * model.deviation[k];
-      reach = reach.cwiseMax(shape_of(model, b).cwiseAbs().rowwise().maxCoeff());
+      half_extent = half_extent.cwiseMax(shape_of(model, b).cwiseAbs().rowwise().maxCoeff());
     }
     b[k] = 0;
   }
-  return reach;
+  return half_extent;
 }
 
 struct ShapeView {
   const ShapeModel& model;
-  Eigen::Vector2d reach;
+  Eigen::Vector2d half_extent;
 };
 
-void draw_in(cv::Mat& image, const cv::Rect& area, const ShapeView& view,
-             const Eigen::VectorXd& b) {
-  constexpr double kUsed = 0.92;
+void draw_shape_in(cv::Mat& image, const cv::Rect& area, const ShapeView& view,
+                   const Eigen::VectorXd& b) {
+  constexpr double kFillShare = 0.92;
   const double scale =
-      kUsed / 2 * std::min(area.width / view.reach.x(), area.height / view.reach.y());
-  const Similarity2d place{scale, 0, area.x + (area.width - 1) / 2.0,
-                           area.y + (area.height - 1) / 2.0};
+      kFillShare / 2 *
+      std::min(area.width / view.half_extent.x(), area.height / view.half_extent.y());
+  const Similarity2d image_from_model{scale, 0, area.x + (area.width - 1) / 2.0,
+                                      area.y + (area.height - 1) / 2.0};
   const double unit = std::min(area.width, area.height);
   const int thickness = std::clamp(static_cast<int>(std::lround(unit / 260)), 1, 4);
   const double radius = std::clamp(unit / 130, 1.2, 6.0);
-  const Matrix2Xd mean = place(view.model.mean);
-  const Matrix2Xd shape = place(shape_of(view.model, b));
-  draw_lines(image, mean, view.model.connections, kFaint, thickness);
+  const Matrix2Xd mean = image_from_model(view.model.mean);
+  const Matrix2Xd shape = image_from_model(shape_of(view.model, b));
+  draw_lines(image, mean, view.model.connections, kFaintColor, thickness);
   if (view.model.connections.empty()) {
     for (int i = 0; i < view.model.points(); ++i)
-      image::draw::point(image, {mean(0, i), mean(1, i)}, kFaint, radius);
+      image::draw::point(image, {mean(0, i), mean(1, i)}, kFaintColor, radius);
   }
   draw_lines(image, shape, view.model.connections, kLineColor, thickness);
   for (int i = 0; i < view.model.points(); ++i) {
@@ -223,15 +225,15 @@ void draw_in(cv::Mat& image, const cv::Rect& area, const ShapeView& view,
 
 // A bar from -3 to 3 sigma, filled from its middle.
 void draw_value(cv::Mat& image, const cv::Rect& box, double sigmas) {
-  image::draw::fill_rounded(image, box, box.height / 2, kDark);
+  image::draw::fill_rounded(image, box, box.height / 2, kDarkColor);
   const double half = box.width / 2.0;
   const double share = std::clamp(sigmas / kMaxSigma, -1.0, 1.0);
-  const int middle = box.x + box.width / 2;
+  const int center = box.x + box.width / 2;
   const int end = static_cast<int>(std::lround(box.x + half + share * half));
-  const cv::Rect filled(std::min(middle, end), box.y, std::max(1, std::abs(end - middle)),
+  const cv::Rect filled(std::min(center, end), box.y, std::max(1, std::abs(end - center)),
                         box.height);
   image::draw::fill_rounded(image, filled, 0, kPointColor);
-  cv::line(image, {middle, box.y - 2}, {middle, box.y + box.height + 1}, kLineColor, 1);
+  cv::line(image, {center, box.y - 2}, {center, box.y + box.height + 1}, kLineColor, 1);
 }
 
 std::string signed_text(double sigmas) {
@@ -258,7 +260,7 @@ cv::Mat drawn_shape(const ShapeView& view, const Eigen::VectorXd& b, cv::Size si
                      std::max(8, size.width - 3 * pad - label_width), bar_height);
   const int top = head.y + head.height;
   const cv::Rect area(0, top, size.width, std::max(8, bar.y - pad - top));
-  draw_in(image, area, view, b);
+  draw_shape_in(image, area, view, b);
   if (view.model.mode_count() > 0) {
     draw_value(image, bar, sigmas);
     image::draw::put_text(image, signed_text(sigmas),
@@ -287,7 +289,7 @@ void draw_landmarks(cv::Mat& image, const Matrix2Xd& points,
   const int thickness = std::clamp(static_cast<int>(std::lround(radius / 2)), 1, 4);
   if (style.connections) {
     // A dark line below: a light one alone is hardly visible on skin.
-    draw_lines(image, points, connections, kDark, thickness + 1);
+    draw_lines(image, points, connections, kDarkColor, thickness + 1);
     draw_lines(image, points, connections, kLineColor, thickness);
   }
   TARSIER_REQUIRE(style.sigma_px.size() == 0 || style.sigma_px.size() == points.cols(),
@@ -304,7 +306,8 @@ void draw_landmarks(cv::Mat& image, const Matrix2Xd& points,
     if (static_cast<std::size_t>(i) < style.hidden.size() &&
         style.hidden[static_cast<std::size_t>(i)]) {
       const int ring = cvRound(std::max(1.3 * radius, sigma_of(i)) * (1 << kFractionBits));
-      cv::circle(image, fixed(points, i), ring, kDark, thickness + 1, cv::LINE_AA, kFractionBits);
+      cv::circle(image, fixed(points, i), ring, kDarkColor, thickness + 1, cv::LINE_AA,
+                 kFractionBits);
       cv::circle(image, fixed(points, i), ring, kHiddenColor, thickness, cv::LINE_AA,
                  kFractionBits);
       continue;
@@ -313,9 +316,10 @@ void draw_landmarks(cv::Mat& image, const Matrix2Xd& points,
       cv::circle(image, fixed(points, i), cvRound(sigma_of(i) * (1 << kFractionBits)), kPointColor,
                  1, cv::LINE_AA, kFractionBits);
     }
-    const int place = style.symmetry ? sides[static_cast<std::size_t>(i)] : 0;
+    const int image_side = style.symmetry ? sides[static_cast<std::size_t>(i)] : 0;
     image::draw::point(image, {points(0, i), points(1, i)},
-                       place < 0 ? kLeftColor : (place > 0 ? kRightColor : kPointColor), radius);
+                       image_side < 0 ? kLeftColor : (image_side > 0 ? kRightColor : kPointColor),
+                       radius);
   }
   for (int i = 0; style.numbers && i < static_cast<int>(points.cols()); ++i) {
     if (!is_drawable(points, i)) continue;
@@ -327,20 +331,20 @@ void draw_landmarks(cv::Mat& image, const Matrix2Xd& points,
 }
 
 cv::Mat contact_sheet(const LandmarkSet& set, const std::string& set_path, int cell_px, int columns,
-                      int most, const LandmarkStyle& style) {
+                      int max_samples, const LandmarkStyle& style) {
   set.check();
   TARSIER_REQUIRE(cell_px >= 32 && cell_px <= 2000, "cells of {} px", cell_px);
-  TARSIER_REQUIRE(most >= 1, "at most {} samples", most);
+  TARSIER_REQUIRE(max_samples >= 1, "at most {} samples", max_samples);
   TARSIER_REQUIRE(!set.samples.empty(), "a set without samples");
-  const int count =
-      static_cast<int>(std::min<std::size_t>(set.samples.size(), static_cast<std::size_t>(most)));
+  const int count = static_cast<int>(
+      std::min<std::size_t>(set.samples.size(), static_cast<std::size_t>(max_samples)));
   const int wide = std::min(
       count, columns > 0 ? columns : static_cast<int>(std::ceil(std::sqrt(count * 4.0 / 3))));
   const int high = (count + wide - 1) / wide;
   const int step = cell_px + kGap;
   TARSIER_REQUIRE(static_cast<double>(step) * step * wide * high <= 1e8,
                   "a sheet of {} cells of {} px", count, cell_px);
-  cv::Mat sheet(high * step - kGap, wide * step - kGap, CV_8UC3, kDark);
+  cv::Mat sheet(high * step - kGap, wide * step - kGap, CV_8UC3, kDarkColor);
   cv::parallel_for_(cv::Range(0, count), [&](const cv::Range& range) {
     for (int k = range.start; k < range.end; ++k) {
       cv::Mat cell = sheet(cv::Rect((k % wide) * step, (k / wide) * step, cell_px, cell_px));
@@ -361,7 +365,7 @@ cv::Mat draw_shape(const ShapeModel& model, const Eigen::VectorXd& b, cv::Size s
     const double value = model.deviation[k] > 0 ? b[k] / model.deviation[k] : 0;
     if (std::abs(value) > std::abs(sigmas)) sigmas = value;
   }
-  return drawn_shape({model, reach_of(model)}, b, size, title, sigmas);
+  return drawn_shape({model, half_extent_of(model)}, b, size, title, sigmas);
 }
 
 cv::Mat draw_modes(const ShapeModel& model, int modes, int cell_px) {
@@ -377,8 +381,9 @@ cv::Mat draw_modes(const ShapeModel& model, int modes, int cell_px) {
   const int step = cell_px + kGap;
   TARSIER_REQUIRE(static_cast<double>(step) * rows * step * 5 <= 1e8, "{} rows of {} px", rows,
                   cell_px);
-  cv::Mat image(top + rows * step, left + static_cast<int>(kValues.size()) * step, CV_8UC3, kDark);
-  const ShapeView view{model, reach_of(model)};
+  cv::Mat image(top + rows * step, left + static_cast<int>(kValues.size()) * step, CV_8UC3,
+                kDarkColor);
+  const ShapeView view{model, half_extent_of(model)};
   for (int column = 0; column < static_cast<int>(kValues.size()); ++column) {
     const double value = kValues[static_cast<std::size_t>(column)];
     const int x = left + column * step;
@@ -390,7 +395,7 @@ cv::Mat draw_modes(const ShapeModel& model, int modes, int cell_px) {
       Eigen::VectorXd b = Eigen::VectorXd::Zero(model.mode_count());
       if (row < model.mode_count()) b[row] = value * model.deviation[row];
       cv::Mat part = image(cell);
-      draw_in(part, cv::Rect(0, 0, cell_px, cell_px), view, b);
+      draw_shape_in(part, cv::Rect(0, 0, cell_px, cell_px), view, b);
     }
   }
   for (int row = 0; row < rows; ++row) {
@@ -408,7 +413,7 @@ std::vector<cv::Mat> animate_modes(const ShapeModel& model, int modes, cv::Size 
   require_size(size);
   TARSIER_REQUIRE(modes >= 1 && frames_per_mode >= 4 && frames_per_mode <= 10000,
                   "{} modes, {} frames for each", modes, frames_per_mode);
-  const ShapeView view{model, reach_of(model)};
+  const ShapeView view{model, half_extent_of(model)};
   const int count = std::min(modes, model.mode_count());
   std::vector<cv::Mat> frames;
   for (int mode = 0; mode < count; ++mode) {

@@ -30,9 +30,10 @@ void draw_landmarks(cv::Mat& image, const Eigen::Matrix2Xd& points,
 
 // A contact sheet of the samples: thumbnails with points, cropped around the points with a margin.
 // `columns` <= 0: chosen for an aspect ratio of 4:3. Unreadable images get a dark cell with the
-// reason. Cells are `cell_px` wide and high; at most `most` samples.
+// reason. Cells are `cell_px` wide and high; at most `max_samples` samples.
 [[nodiscard]] cv::Mat contact_sheet(const LandmarkSet& set, const std::string& set_path,
-                                    int cell_px, int columns, int most, const LandmarkStyle& style);
+                                    int cell_px, int columns, int max_samples,
+                                    const LandmarkStyle& style);
 
 // One frame of the animation of a mode: the shape with its connections on a grey-blue background,
 // the mean faintly behind it, a title and a bar for the value. The scale is such that all modes at

@@ -14,7 +14,7 @@ cv::Vec3b at(const cv::Mat& image, double x, double y) {
   return image.at<cv::Vec3b>(cvRound(y), cvRound(x));
 }
 
-TEST(DrawLandmarks, RingsOfHiddenPointsAreAsLargeAsTheirDeviation) {
+TEST(DrawLandmarks, HiddenPointRingsHaveRadiusSigma) {
   const cv::Mat empty(200, 200, CV_8UC3, cv::Scalar(0, 0, 0));
   Eigen::Matrix2Xd points(2, 2);
   points << 50, 140, 100, 100;

@@ -84,9 +84,9 @@ Similarity2d fit_similarity(const Eigen::Matrix2Xd& source, const Eigen::Matrix2
     square += w * p.squaredNorm();
   }
   // If all points coincide, rounding errors of 1e-16 of the coordinates remain.
-  const double least = 1e-28 * total * (1e-200 + from.squaredNorm());
+  const double min_square = 1e-28 * total * (1e-200 + from.squaredNorm());
   TARSIER_REQUIRE(
-      square > least && std::isfinite(square) && std::isfinite(dot) && std::isfinite(cross),
+      square > min_square && std::isfinite(square) && std::isfinite(dot) && std::isfinite(cross),
       "points of extent {}", std::sqrt(square));
   Similarity2d result{dot / square, cross / square, 0, 0};
   const Eigen::Vector2d moved = result(from);

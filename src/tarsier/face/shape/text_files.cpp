@@ -68,8 +68,8 @@ class NumberLines {
   int line_ = 0;
 };
 
-bool is_count(double value, int least, int most) {
-  return value == std::floor(value) && value >= least && value <= most;
+bool is_count(double value, int low, int high) {
+  return value == std::floor(value) && value >= low && value <= high;
 }
 
 }  // namespace

@@ -29,13 +29,13 @@ TEST_F(TextFiles, ReadsShapesInOrder) {
   EXPECT_EQ(shapes[1](1, 2), -6);
 }
 
-TEST_F(TextFiles, TellsShapesFromAListOfImages) {
+TEST_F(TextFiles, DistinguishesShapesFromImageLists) {
   EXPECT_TRUE(is_text_shapes(file("2 6\n0 0 1 0 0 1\n1 2 3 4 5 6\n")));
   EXPECT_FALSE(is_text_shapes(file("a.jpg\nb.jpg\n")));
   EXPECT_FALSE(is_text_shapes(folder_ / "none.txt"));
 }
 
-TEST_F(TextFiles, RefusesWhatIsNoShapeAndNamesTheLine) {
+TEST_F(TextFiles, RejectsInvalidShapesWithTheLine) {
   for (const char* text :
        {"", "2 5\n", "1 6\n1 2 3 4 5\n", "2 6\n1 2 3 4 5 6\n", "1 6\n1 2 3 4 5 nan\n",
         "1 6\n1 2 3 4 5 6\n1 2 3 4 5 6\n", "1 6\n1 2 3 4 5 1e9\n", "1e6 6 7\n"}) {

@@ -169,17 +169,17 @@ std::optional<std::vector<shape::Triangle>> visible_triangles(const Matrix2Xd& b
 
 }  // namespace
 
-FaceTurner::FaceTurner(const head::HeadModel& head) : poser_(head) {}
+FaceTurner::FaceTurner(const head::HeadModel& head) : estimator_(head) {}
 
 std::optional<Turned> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& points,
                                        double pitch_deg, double yaw_deg) const {
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "no 8 bit gray image");
-  const head::HeadModel& model = poser_.model();
+  const head::HeadModel& model = estimator_.model();
   const Index n = model.points();
   TARSIER_REQUIRE(points.cols() == n && points.allFinite(), "{} points for a head of {}",
                   points.cols(), n);
   const geometry::Camera camera = camera_of(points);
-  const auto found = poser_.pose(points, camera);
+  const auto found = estimator_.pose(points, camera);
   if (!found.pose) return std::nullopt;
   const auto& [rotation, translation] = found.pose->camera_from_head;
 
@@ -229,11 +229,11 @@ std::optional<Turned> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& poi
 
 std::vector<Matrix2Xd> FaceTurner::shapes_near(const Matrix2Xd& points, int count,
                                                std::uint64_t seed) const {
-  const head::HeadModel& model = poser_.model();
+  const head::HeadModel& model = estimator_.model();
   TARSIER_REQUIRE(points.cols() == model.points(), "{} points for a head of {}", points.cols(),
                   model.points());
   const geometry::Camera camera = camera_of(points);
-  const auto found = poser_.pose(points, camera);
+  const auto found = estimator_.pose(points, camera);
   std::vector<Matrix2Xd> shapes;
   if (!found.pose) return shapes;
   Rng rng(seed);
@@ -245,7 +245,7 @@ std::vector<Matrix2Xd> FaceTurner::shapes_near(const Matrix2Xd& points, int coun
     const double yaw = angles.yaw_deg * share + rng.normal(0, 5);
     pose.camera_from_head.rotation = head::rotation_of_angles({yaw, pitch, angles.roll_deg});
     pose.b *= rng.uniform();
-    Matrix2Xd shape = poser_.project(pose, camera);
+    Matrix2Xd shape = estimator_.project(pose, camera);
     if (!shape.allFinite()) continue;
     shape.colwise() += points.rowwise().mean() - shape.rowwise().mean();
     shapes.push_back(std::move(shape));

@@ -47,7 +47,7 @@ class FaceTurner {
   // Throws std::invalid_argument for an invalid model.
   explicit FaceTurner(const head::HeadModel& head);
 
-  [[nodiscard]] int points() const { return poser_.model().points(); }
+  [[nodiscard]] int points() const { return estimator_.model().points(); }
 
   // The face of `gray` (CV_8UC1) with `points` (2 x n px, in the order of the head's points),
   // rotated by these additional angles (as in head/angles.h: pitch + = up, yaw + = to image left;
@@ -66,7 +66,7 @@ class FaceTurner {
                                                           std::uint64_t seed) const;
 
  private:
-  head::HeadPoser poser_;
+  head::HeadPoseEstimator estimator_;
 };
 
 struct CopyOptions {

@@ -41,10 +41,10 @@ class FaceTurnTest : public ::testing::Test {
     head::HeadPose pose;
     pose.camera_from_head = {head::rotation_of_angles(angles), {0, -20, 1000}};
     pose.b = Eigen::VectorXd::Zero(head_->mode_count());
-    return head::HeadPoser(*head_).project(pose, camera());
+    return head::HeadPoseEstimator(*head_).project(pose, camera());
   }
   static head::HeadAngles angles_of(const Matrix2Xd& points) {
-    return head::HeadPoser(*head_).pose(points, camera()).pose->angles;
+    return head::HeadPoseEstimator(*head_).pose(points, camera()).pose->angles;
   }
   // A smooth image, so that interpolation between the points hardly matters.
   static cv::Mat ground() {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/face/shape/cut_out.h"
+#include "tarsier/face/shape/annotated_crop.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@ namespace tarsier::face::shape {
 namespace {
 
 // The value of each pixel is its position. So a cut shows where its pixels come from.
-cv::Mat places(int width, int height) {
+cv::Mat coordinate_image(int width, int height) {
   cv::Mat image(height, width, CV_32FC2);
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
@@ -32,7 +32,7 @@ Eigen::Vector2d value_at(const cv::Mat& image, const Eigen::Vector2d& p) {
 }
 
 // px; averaging over fractions of pixels deviates from a straight line by this much
-constexpr double kNear = 0.06;
+constexpr double kTolerance = 0.06;
 
 LandmarkSample triangle() {
   LandmarkSample sample;
@@ -42,52 +42,53 @@ LandmarkSample triangle() {
   return sample;
 }
 
-TEST(CutOut, PointsStayOnTheirPixelsHoweverMuchIsReduced) {
+TEST(AnnotatedCrop, PointsKeepTheirPixelsAtAnyReduction) {
   const LandmarkSample sample = triangle();
   for (const int largest : {400, 60, 37, 11}) {
-    const CutOut cut = cut_out(places(320, 240), sample, 0.5, largest);
+    const AnnotatedCrop crop = crop_around_points(coordinate_image(320, 240), sample, 0.5, largest);
     for (int p = 0; p < 3; ++p) {
-      const Eigen::Vector2d there = value_at(cut.image, cut.points.col(p));
-      EXPECT_LT((there - sample.points.col(p)).norm(), kNear) << largest << ' ' << p;
+      const Eigen::Vector2d there = value_at(crop.image, crop.points.col(p));
+      EXPECT_LT((there - sample.points.col(p)).norm(), kTolerance) << largest << ' ' << p;
     }
-    ASSERT_TRUE(cut.box);
-    EXPECT_LT((value_at(cut.image, {cut.box->x, cut.box->y}) - Eigen::Vector2d(95, 85)).norm(),
-              kNear);
-    EXPECT_NEAR(cut.box->width * cut.scale, 90, 1) << largest;
+    ASSERT_TRUE(crop.box);
+    EXPECT_LT((value_at(crop.image, {crop.box->x, crop.box->y}) - Eigen::Vector2d(95, 85)).norm(),
+              kTolerance);
+    EXPECT_NEAR(crop.box->width * crop.scale, 90, 1) << largest;
   }
 }
 
-TEST(CutOut, KeepsTheMarginAndNeverEnlarges) {
-  const CutOut whole_size = cut_out(places(320, 240), triangle(), 0.5, 4000);
+TEST(AnnotatedCrop, KeepsTheMarginAndNeverEnlarges) {
+  const AnnotatedCrop whole_size =
+      crop_around_points(coordinate_image(320, 240), triangle(), 0.5, 4000);
   EXPECT_EQ(whole_size.scale, 1);
   // The points' box is 81.25 px wide: half of that on each side.
   EXPECT_EQ((whole_size.image.at<cv::Vec2f>(0, 0)), cv::Vec2f(59, 49));
   EXPECT_EQ(whole_size.image.size(), cv::Size(165, 163));
-  const CutOut reduced = cut_out(places(320, 240), triangle(), 0.5, 20);
+  const AnnotatedCrop reduced = crop_around_points(coordinate_image(320, 240), triangle(), 0.5, 20);
   const Eigen::Vector2d extent =
       reduced.points.rowwise().maxCoeff() - reduced.points.rowwise().minCoeff();
   EXPECT_NEAR(extent.maxCoeff(), 20, 0.2);
 }
 
-TEST(CutOut, PointsOutsideTheImageLeaveTheWholeOfIt) {
+TEST(AnnotatedCrop, PointsOutsideTheImageKeepTheWholeImage) {
   LandmarkSample sample = triangle();
   sample.points.array() += 1e12;
-  const CutOut cut = cut_out(places(32, 24), sample, 0.5, 400);
-  EXPECT_EQ(cut.image.size(), cv::Size(32, 24));
+  const AnnotatedCrop crop = crop_around_points(coordinate_image(32, 24), sample, 0.5, 400);
+  EXPECT_EQ(crop.image.size(), cv::Size(32, 24));
 }
 
-TEST(CutOut, MirroredPointsLieOnWhatTheyMark) {
+TEST(AnnotatedCrop, MirroredPointsKeepTheirPixels) {
   const LandmarkSample sample = triangle();
-  const CutOut cut = cut_out(places(320, 240), sample, 0.5, 60);
-  const CutOut turned = mirrored(cut, {1, 0, 2}, 0);
+  const AnnotatedCrop crop = crop_around_points(coordinate_image(320, 240), sample, 0.5, 60);
+  const AnnotatedCrop turned = mirrored(crop, {1, 0, 2}, 0);
   for (int p = 0; p < 3; ++p) {
     const int counterpart = p == 2 ? 2 : 1 - p;
     const Eigen::Vector2d there = value_at(turned.image, turned.points.col(p));
-    EXPECT_LT((there - sample.points.col(counterpart)).norm(), kNear) << p;
+    EXPECT_LT((there - sample.points.col(counterpart)).norm(), kTolerance) << p;
   }
   // Counted from 1, points lie one pixel to the right of the marked place, also mirrored points.
-  const CutOut moved = mirrored(cut, {1, 0, 2}, 1);
-  EXPECT_NEAR(moved.points(0, 0) - turned.points(0, 0), 2 / cut.scale, 1e-9);
+  const AnnotatedCrop moved = mirrored(crop, {1, 0, 2}, 1);
+  EXPECT_NEAR(moved.points(0, 0) - turned.points(0, 0), 2 / crop.scale, 1e-9);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/face/shape/cut_out.h"
+#include "tarsier/face/shape/annotated_crop.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -9,13 +9,14 @@
 
 namespace tarsier::face::shape {
 
-CutOut cut_out(const cv::Mat& image, const LandmarkSample& sample, double margin, int largest) {
+AnnotatedCrop crop_around_points(const cv::Mat& image, const LandmarkSample& sample, double margin,
+                                 int largest) {
   const Eigen::Vector2d low = sample.points.rowwise().minCoeff();
   const Eigen::Vector2d high = sample.points.rowwise().maxCoeff();
   const double side = std::max((high - low).maxCoeff(), 1.0);
   const double rim = margin * side;
-  const auto bounded = [](double value, int most) {
-    return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(most)));
+  const auto bounded = [](double value, int upper) {
+    return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(upper)));
   };
   cv::Rect area(cv::Point(bounded(std::floor(low.x() - rim), image.cols),
                           bounded(std::floor(low.y() - rim), image.rows)),
@@ -24,7 +25,7 @@ CutOut cut_out(const cv::Mat& image, const LandmarkSample& sample, double margin
   if (area.empty()) area = cv::Rect(0, 0, image.cols, image.rows);
   const double scale = std::min(1.0, largest / side);
 
-  CutOut result;
+  AnnotatedCrop result;
   const cv::Size size(std::max(1, static_cast<int>(std::lround(area.width * scale))),
                       std::max(1, static_cast<int>(std::lround(area.height * scale))));
   if (size == area.size()) {
@@ -46,14 +47,15 @@ CutOut cut_out(const cv::Mat& image, const LandmarkSample& sample, double margin
   return result;
 }
 
-CutOut mirrored(const CutOut& cut, const std::vector<int>& mirror, double to_the_right) {
+AnnotatedCrop mirrored(const AnnotatedCrop& crop, const std::vector<int>& mirror,
+                       double to_the_right) {
   LandmarkSample sample;
-  sample.points = cut.points;
-  sample.box = cut.box;
-  LandmarkSample turned = mirrored(sample, mirror, cut.image.cols);
-  turned.points.row(0).array() += 2 * to_the_right / cut.scale;
-  CutOut result{{}, std::move(turned.points), turned.box, cut.scale};
-  cv::flip(cut.image, result.image, 1);
+  sample.points = crop.points;
+  sample.box = crop.box;
+  LandmarkSample flipped = mirrored(sample, mirror, crop.image.cols);
+  flipped.points.row(0).array() += 2 * to_the_right / crop.scale;
+  AnnotatedCrop result{{}, std::move(flipped.points), flipped.box, crop.scale};
+  cv::flip(crop.image, result.image, 1);
   return result;
 }
 

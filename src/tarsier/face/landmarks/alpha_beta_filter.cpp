@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/face/landmarks/steady.h"
+#include "tarsier/face/landmarks/alpha_beta_filter.h"
 
 #include "tarsier/core/require.h"
 
@@ -15,26 +15,26 @@ constexpr double kSpeedShare = 0.2;  // share of the critically damped beta, for
 constexpr double kMaxGain = 0.9;
 }  // namespace
 
-Eigen::Matrix2Xd Steady::next(const SteadyOptions& options, const Eigen::Matrix2Xd& points,
-                              double dt, double unit) {
+Eigen::Matrix2Xd AlphaBetaFilter::next(const AlphaBetaFilterOptions& options,
+                                       const Eigen::Matrix2Xd& points, double dt, double unit) {
   TARSIER_REQUIRE(dt > 0 && unit > 0, "dt {}, unit {}", dt, unit);
-  if (!has_ || value_.cols() != points.cols()) {
+  if (!is_started_ || value_.cols() != points.cols()) {
     value_ = points;
     speed_ = Eigen::Matrix2Xd::Zero(2, points.cols());
-    off_ = speed_;
-    has_ = true;
+    deviation_ = speed_;
+    is_started_ = true;
     return value_;
   }
   const double steps = dt / kStep;
   const Eigen::Matrix2Xd predicted = value_ + speed_ * steps;
   const Eigen::Matrix2Xd innovation = points - predicted;
-  off_ += (1 - std::pow(1 - kMemory, steps)) * (innovation / unit - off_);
-  const Eigen::Vector2d face = off_.rowwise().mean();
+  deviation_ += (1 - std::pow(1 - kMemory, steps)) * (innovation / unit - deviation_);
+  const Eigen::Vector2d face = deviation_.rowwise().mean();
   const double common =
       options.gain + options.face_gain * std::max(0.0, face.norm() - options.face_still);
   for (Eigen::Index p = 0; p < points.cols(); ++p) {
     const double own =
-        options.point_gain * std::max(0.0, (off_.col(p) - face).norm() - options.point_still);
+        options.point_gain * std::max(0.0, (deviation_.col(p) - face).norm() - options.point_still);
     const double gain = std::min(kMaxGain, common + own);
     const double alpha = 1 - std::pow(1 - gain, steps);
     const double beta = kSpeedShare * gain * gain / (2 - gain);

@@ -12,7 +12,7 @@ namespace tarsier::face::landmarks {
 // for the whole face when the face moves, or for a single point, for example when the lips part.
 // (An exponential mean of the same steadiness lags nearly twice as far behind a moving head:
 // docs/landmarks.md.)
-struct SteadyOptions {
+struct AlphaBetaFilterOptions {
   double gain = 0.12;         // alpha per 1/25 s at rest
   double face_gain = 12;      // increase per unit of persistent deviation of the face
   double face_still = 0.025;  // units of deviation that count as rest
@@ -29,19 +29,19 @@ struct SteadyOptions {
   void check() const { check_fields(*this); }
 };
 
-class Steady {
+class AlphaBetaFilter {
  public:
   // Smooths the points, `dt` seconds (> 0) after the previous ones; the first ones are returned
   // unchanged. `unit` (px, > 0) is the unit of deviations: an eye distance.
-  [[nodiscard]] Eigen::Matrix2Xd next(const SteadyOptions& options, const Eigen::Matrix2Xd& points,
-                                      double dt, double unit);
-  void reset() { has_ = false; }
+  [[nodiscard]] Eigen::Matrix2Xd next(const AlphaBetaFilterOptions& options,
+                                      const Eigen::Matrix2Xd& points, double dt, double unit);
+  void reset() { is_started_ = false; }
 
  private:
-  bool has_ = false;
+  bool is_started_ = false;
   Eigen::Matrix2Xd value_;
-  Eigen::Matrix2Xd speed_;  // px per step of 1/25 s
-  Eigen::Matrix2Xd off_;    // running mean of the deviation from the prediction, units
+  Eigen::Matrix2Xd speed_;      // px per step of 1/25 s
+  Eigen::Matrix2Xd deviation_;  // running mean of the deviation from the prediction, units
 };
 
 }  // namespace tarsier::face::landmarks
