@@ -82,7 +82,7 @@ class DrawnPeople {
       const double degrees = 2 * rng.normal();
       const double growth = 1 + 0.02 * rng.normal();
       out.push_back(face::recognition::relit_face(
-          face::recognition::moved_face(crop, dx, dy, degrees, growth), 0.6, rng()));
+          face::recognition::transformed_face(crop, dx, dy, degrees, growth), 0.6, rng()));
     }
     return out;
   }
@@ -322,9 +322,9 @@ std::int64_t faces_of(const std::string& text) {
   std::int64_t value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc() || end != text.data() + text.size() ||
-      value <= face::people::kLearnedWhole || value > 10'000'000)
+      value <= face::people::kMaxSmallGalleryFaces || value > 10'000'000)
     throw UsageError(fmt::format("--size {}: for people a number of faces from {} to 10000000",
-                                 text, face::people::kLearnedWhole + 1));
+                                 text, face::people::kMaxSmallGalleryFaces + 1));
   return value;
 }
 

@@ -248,7 +248,7 @@ class Gallery {
   [[nodiscard]] std::string name_of(std::int64_t person);  // empty: the person was removed
   [[nodiscard]] std::int64_t removals();  // number of removals of enrolled faces; rises
   // Whether an index with this SHA-256 is the current index of the gallery.
-  [[nodiscard]] bool is_index(std::string_view sum);
+  [[nodiscard]] bool is_index(std::string_view sha256);
   // The SHA-256 of the valid indexes; empty: there is none.
   [[nodiscard]] std::string index_record();
   // Faces with ids greater than `after` without a template in this space, by rising id.
@@ -257,7 +257,7 @@ class Gallery {
   // Makes an index of the templates of `model` the gallery's index; `put` moves the file into
   // place. Returns false and does nothing if faces were removed since `removals` or the model has
   // changed. After an interruption, either the old or the new index is valid.
-  bool put_index(std::int64_t removals, std::int64_t model, std::string_view sum,
+  bool put_index(std::int64_t removals, std::int64_t model, std::string_view sha256,
                  const std::function<void()>& put);
 
   // "default" if not set.

@@ -30,7 +30,7 @@ void TemplateMaker::look() {
   if (generation == generation_) return;
   generation_ = generation;
   in_coordinates_ = uses_coordinates(algorithm_of(gallery_), background_,
-                                     gallery_.face_count_up_to(kLearnedWhole + 1));
+                                     gallery_.face_count_up_to(kMaxSmallGalleryFaces + 1));
   if (in_coordinates_) {
     recognizer_.reset();
     model_ = 0;

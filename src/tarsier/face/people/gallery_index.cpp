@@ -102,22 +102,22 @@ GalleryIndexReport build_gallery_index(Gallery& gallery, const recognition::Back
     const std::int64_t removals = gallery.removals();
     const auto stored = gallery.model();
     const std::int64_t space = -recognition::fingerprint(background);
-    if (gallery.face_count_up_to(kLearnedWhole + 1) <= kLearnedWhole || !stored ||
+    if (gallery.face_count_up_to(kMaxSmallGalleryFaces + 1) <= kMaxSmallGalleryFaces || !stored ||
         stored->space != space)
       throw InputError(gallery.path(),
                        fmt::format("only galleries of more than {} faces, of the default or deep "
                                    "templates, can be indexed",
-                                   kLearnedWhole));
+                                   kMaxSmallGalleryFaces));
     const Recognizer subspace = recognition::recognizer_from_text(stored->body, gallery.path());
     const recognition::CoordinateProjection projection(subspace, background);
-    const recognition::CellIndexLabel label{gallery.last_face(), space, stored->id};
+    const recognition::CellIndexMetadata metadata{gallery.last_face(), space, stored->id};
     GalleryIndexReport report;
     report.path = index_path(gallery);
-    report.faces = gallery.template_count(space, label.last);
+    report.faces = gallery.template_count(space, metadata.last_id);
     if (report.faces == 0) throw InputError(gallery.path(), "has no templates");
     // A program that forgets a person deletes the unfinished file; the build then restarts.
     const auto changed = [&] { return gallery.removals() != removals; };
-    const auto source = templates_of(gallery, projection, space, label.last);
+    const auto source = templates_of(gallery, projection, space, metadata.last_id);
     struct Changed {};
     const recognition::TemplateSource watched = [&](std::int64_t step, const auto& take) {
       source(step, [&](std::span<const std::int64_t> ids, const Rows& rows) {
@@ -127,8 +127,8 @@ GalleryIndexReport build_gallery_index(Gallery& gallery, const recognition::Back
     };
     try {
       report.index = recognition::write_cell_index(temporary, projection.numbers(), report.faces,
-                                                   watched, label, options, progress, stop);
-      const bool placed = gallery.put_index(removals, stored->id, report.index.sum, [&] {
+                                                   watched, metadata, options, progress, stop);
+      const bool placed = gallery.put_index(removals, stored->id, report.index.sha256, [&] {
         if (::rename(temporary.c_str(), report.path.c_str()) != 0)
           throw OutputError(report.path, fmt::format("cannot rename: {}",
                                                      std::generic_category().message(errno)));
@@ -156,15 +156,15 @@ GalleryIndexState gallery_index_state(Gallery& gallery) {
     const CellIndex index(path);
     state.faces = index.templates();
     const auto stored = gallery.model();
-    if (!gallery.is_index(index.sum())) {
+    if (!gallery.is_index(index.sha256())) {
       state.trouble = "is of another state of the gallery";
-    } else if (!stored || stored->id != index.label().model ||
-               stored->space != index.label().space) {
+    } else if (!stored || stored->id != index.metadata().model ||
+               stored->space != index.metadata().space) {
       state.trouble = "is of templates that were made again since";
     } else {
       state.current = true;
       state.newer = gallery.template_count(stored->space, std::numeric_limits<std::int64_t>::max(),
-                                           index.label().last);
+                                           index.metadata().last_id);
     }
   } catch (const InputError& error) {
     state.trouble = std::string(error.what()).substr(path.size() + 2);
@@ -186,8 +186,8 @@ std::unique_ptr<GalleryIndex> GalleryIndex::open(Gallery& gallery,
   };
   try {
     CellIndex cells(path);
-    if (!gallery.is_index(cells.sum())) return unused("is of another state of the gallery");
-    if (stored.id != cells.label().model || stored.space != cells.label().space ||
+    if (!gallery.is_index(cells.sha256())) return unused("is of another state of the gallery");
+    if (stored.id != cells.metadata().model || stored.space != cells.metadata().space ||
         cells.dimension() != subspace.template_length())
       return unused("is of templates that were made again since");
     return std::unique_ptr<GalleryIndex>(
@@ -210,7 +210,7 @@ GalleryIndex::GalleryIndex(Gallery& gallery, const recognition::Background& back
 }
 
 bool GalleryIndex::follow(const Recognizer& subspace) {
-  if (!gallery_.is_index(cells_.sum())) return false;
+  if (!gallery_.is_index(cells_.sha256())) return false;
   candidates_.network = subspace.network;
   people_ = gallery_.people_with_faces();
   read_newer();
@@ -223,9 +223,9 @@ void GalleryIndex::read_newer() {
   std::vector<std::int64_t> ids;
   std::vector<float> numbers;
   const auto width = static_cast<std::size_t>(projection_.coordinates());
-  for (std::int64_t after = cells_.label().last;;) {
+  for (std::int64_t after = cells_.metadata().last_id;;) {
     const std::int64_t before = after;
-    gallery_.each_template_after(cells_.label().space, after,
+    gallery_.each_template_after(cells_.metadata().space, after,
                                  std::numeric_limits<std::int64_t>::max(), kReadAtOnce,
                                  [&](std::int64_t face, std::span<const float> values) {
                                    after = face;
@@ -277,7 +277,7 @@ Recognition GalleryIndex::recognize(std::span<const float> features, double fals
   }
   std::vector<std::int64_t> ids;
   for (const recognition::Candidate& one : near) ids.push_back(one.id);
-  std::vector<PersonTemplate> all = gallery_.templates_beside(ids, cells_.label().space);
+  std::vector<PersonTemplate> all = gallery_.templates_beside(ids, cells_.metadata().space);
   std::erase_if(all, [&](const PersonTemplate& one) {
     return static_cast<int>(one.numbers.size()) != projection_.coordinates();
   });
@@ -344,7 +344,7 @@ void IndexRemoval::prepare(const std::function<std::vector<std::int64_t>()>& sta
   if (model_goes) return;
   try {
     const CellIndex index(path_);
-    from_ = index.sum();
+    from_ = index.sha256();
     const std::vector<std::int64_t> kept = stays();
     const auto is_kept = [&](std::int64_t id) {
       return std::binary_search(kept.begin(), kept.end(), id);
@@ -364,7 +364,7 @@ void IndexRemoval::prepare(const std::function<std::vector<std::int64_t>()>& sta
       return;
     }
     prepared_ = without;
-    to_ = index.write_without(prepared_, is_kept, stop).sum;
+    to_ = index.write_without(prepared_, is_kept, stop).sha256;
     fate_ = IndexFate::kRewritten;
   } catch (const InputError& error) {
     if (error.path() != path_) throw;   // damaged: delete it
@@ -386,7 +386,7 @@ std::string IndexRemoval::replace(const std::string& recorded) {
   std::string now;
   if (own) {
     try {
-      now = CellIndex(path_).sum();
+      now = CellIndex(path_).sha256();
     } catch (const InputError&) {
     }
   }

@@ -352,7 +352,7 @@ TEST_F(GalleryIndexTest, WhoIsForgottenWhileItIsMadeIsNotInIt) {
 
 TEST_F(GalleryIndexTest, AKillLeavesTheOldOneOrTheNewOne) {
   build({.rounds = 1});
-  const std::string old = CellIndex(index_path(gallery_)).sum();
+  const std::string old = CellIndex(index_path(gallery_)).sha256();
   int before = 0;
   int after = 0;
   for (int moment = 0; moment < 12; ++moment) {
@@ -376,7 +376,7 @@ TEST_F(GalleryIndexTest, AKillLeavesTheOldOneOrTheNewOne) {
     ASSERT_TRUE(state.current) << moment << ": " << state.trouble;
     EXPECT_EQ(state.faces, static_cast<std::int64_t>(kFaces));
     EXPECT_THAT(ids_in_index(), SizeIs(kFaces));
-    (CellIndex(index_path(gallery_)).sum() == old ? before : after) += 1;
+    (CellIndex(index_path(gallery_)).sha256() == old ? before : after) += 1;
   }
   EXPECT_GT(after, 0) << "no kill came after the first one was made";
   EXPECT_EQ(gallery_.face_count(), static_cast<std::int64_t>(kFaces));

@@ -105,8 +105,8 @@ std::int64_t Gallery::removals() { return number_of(setting(kRemovals)); }
 
 void Gallery::count_removal() { put_setting(kRemovals, std::to_string(removals() + 1)); }
 
-bool Gallery::is_index(std::string_view sum) {
-  return !sum.empty() && setting(kIndex).find(sum) != std::string::npos;
+bool Gallery::is_index(std::string_view sha256) {
+  return !sha256.empty() && setting(kIndex).find(sha256) != std::string::npos;
 }
 
 std::string Gallery::index_record() { return setting(kIndex); }
@@ -121,21 +121,21 @@ std::vector<std::int64_t> Gallery::without_template_after(std::int64_t space, st
   return out;
 }
 
-bool Gallery::put_index(std::int64_t removals, std::int64_t model, std::string_view sum,
+bool Gallery::put_index(std::int64_t removals, std::int64_t model, std::string_view sha256,
                         const std::function<void()>& put) {
-  TARSIER_REQUIRE(!sum.empty(), "an index without a sum");
+  TARSIER_REQUIRE(!sha256.empty(), "an index without a sum");
   const auto same = [&] { return this->removals() == removals && model_id() == model; };
   {
     // Until the file is in place, both the old and the new index are valid.
     Transaction transaction(database_);
     if (!same()) return false;
-    put_setting(kIndex, fmt::format("{} {}", setting(kIndex).substr(0, sum.size()), sum));
+    put_setting(kIndex, fmt::format("{} {}", setting(kIndex).substr(0, sha256.size()), sha256));
     transaction.commit();
   }
   Transaction transaction(database_);
   if (!same()) return false;
   put();
-  put_setting(kIndex, sum);
+  put_setting(kIndex, sha256);
   changed();
   transaction.commit();
   return true;

@@ -103,11 +103,12 @@ struct GalleryTraining::Impl {
 void GalleryTraining::Impl::look() {
   generation = gallery.generation();
   algorithm = algorithm_of(gallery);
-  const std::int64_t some = gallery.face_count_up_to(kLearnedWhole + 1);
-  if (searching == Searching::kByIndex && learn == Learn::kWhenDue && some > kLearnedWhole &&
-      uses_coordinates(algorithm, background, some)) {
+  const std::int64_t some = gallery.face_count_up_to(kMaxSmallGalleryFaces + 1);
+  if (searching == Searching::kByIndex && learn == Learn::kWhenDue &&
+      some > kMaxSmallGalleryFaces && uses_coordinates(algorithm, background, some)) {
     if ((result = indexed_model(gallery, background))) {
-      missing = gallery.without_template_after(result->space, result->index->cells().label().last);
+      missing =
+          gallery.without_template_after(result->space, result->index->cells().metadata().last_id);
       stage = Stage::kDone;
       if (missing.empty() || !store || newest_made) return;
       // For example, faces that were enrolled from a named group.
@@ -136,12 +137,12 @@ void GalleryTraining::Impl::look() {
   if (coordinates) {
     due = due || stored->space != space_of(*background);
     // A small gallery of deep templates is trained again after each change; this takes moments.
-    due = due || (algorithm == Algorithm::kDeep && count <= kLearnedWhole &&
+    due = due || (algorithm == Algorithm::kDeep && count <= kMaxSmallGalleryFaces &&
                   stored->generation != generation);
   } else {
     // Train if the model is in coordinates that cannot be used here, or if faces have changed.
     due = due || stored->space < 0 ||
-          (count <= recognition::kMaxLearnedFaces && stored->generation != generation);
+          (count <= recognition::kMaxTrainingFaces && stored->generation != generation);
   }
   if (due) stored.reset();
   if (coordinates) {
@@ -210,7 +211,7 @@ void GalleryTraining::Impl::choose() {
   for (const FaceRef& ref : refs)
     people.push_back(index.try_emplace(ref.person, static_cast<int>(index.size())).first->second);
   learned.clear();
-  for (const std::size_t i : recognition::learning_sample(people, recognition::kMaxLearnedFaces))
+  for (const std::size_t i : recognition::training_subset(people, recognition::kMaxTrainingFaces))
     learned.push_back(refs[i].id);
 }
 
@@ -273,7 +274,7 @@ void GalleryTraining::Impl::read() {
     }
   }
   training.emplace(std::exchange(inputs, {}), std::move(labels), options,
-                   general ? background : nullptr, 2 * recognition::kMaxLearnedFaces);
+                   general ? background : nullptr, 2 * recognition::kMaxTrainingFaces);
   stage = Stage::kTrain;
 }
 

@@ -19,19 +19,19 @@
 
 // The recogniser of a gallery, and the identification of a face.
 //
-// Up to kLearnedWhole faces, everything is trained on all of them. This takes seconds and is
-// repeated on the next use after a change. A larger gallery (of the default recogniser, with a
+// Up to kMaxSmallGalleryFaces faces, everything is trained on all of them. This takes seconds and
+// is repeated on the next use after a change. A larger gallery (of the default recogniser, with a
 // background) does not learn directions of its own. Its faces are stored as coordinates in the
 // fixed directions of the background (recognition/background_space.h), computed once at enrolment.
-// Within these directions, the model is trained on at most recognition::kMaxLearnedFaces faces, if
+// Within these directions, the model is trained on at most recognition::kMaxTrainingFaces faces, if
 // there is none yet or on request. Enrolment never invalidates it.
 //
 // Deep templates are such coordinates in a gallery of any size: embeddings instead of coordinates
-// in a background's directions. Up to kLearnedWhole faces, the model is trained again after each
-// change, too.
+// in a background's directions. Up to kMaxSmallGalleryFaces faces, the model is trained again after
+// each change, too.
 namespace tarsier::face::people {
 
-inline constexpr int kLearnedWhole = 500;
+inline constexpr int kMaxSmallGalleryFaces = 500;
 // The classical recognisers compare each image with every other, so larger galleries are refused.
 inline constexpr int kMaxClassical = 1000;
 

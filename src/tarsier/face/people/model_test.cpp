@@ -98,7 +98,7 @@ TEST_F(GalleryModelTest, OfDeepTemplatesIsLearnedAgainWhenSomebodyIsEnrolled) {
   ASSERT_TRUE(one && same && four);
   EXPECT_EQ(same->id, one->id);
   EXPECT_NE(four->id, one->id);
-  EXPECT_EQ(four->recognizer.calibration->stranger_people, 4);
+  EXPECT_EQ(four->recognizer.calibration->impostor_people, 4);
 }
 
 TEST_F(GalleryModelTest, TemplatesOfAnotherKindAreMadeAgainFromTheCrops) {
@@ -232,7 +232,7 @@ TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
   Gallery gallery(path("p.db"));
   const auto general = background();
   const std::int64_t space = -recognition::fingerprint(general);
-  const int people = (kLearnedWhole + 1) / 3 + 1;
+  const int people = (kMaxSmallGalleryFaces + 1) / 3 + 1;
   enroll(gallery, people, 3);
   auto model = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
   ASSERT_TRUE(model);

@@ -56,7 +56,7 @@ Seen seen_people(int people, int images, double noise, std::uint64_t seed) {
       for (Eigen::Index c = 0; c < m; ++c)
         coordinates(i, c) = static_cast<float>(std::sqrt(general.variance(c)) *
                                                (person.normal() + noise * image.normal()));
-      coordinates(i, m) = static_cast<float>(general.outside);
+      coordinates(i, m) = static_cast<float>(general.residual_variance);
       out.people.push_back(p);
     }
   }

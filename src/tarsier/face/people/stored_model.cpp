@@ -88,7 +88,7 @@ bool uses_coordinates(Algorithm algorithm, const Background* background, std::in
     return true;
   }
   return !deep && algorithm == Algorithm::kDefault && has_directions(background) &&
-         faces > kLearnedWhole;
+         faces > kMaxSmallGalleryFaces;
 }
 
 std::int64_t space_of(const Background& background) {

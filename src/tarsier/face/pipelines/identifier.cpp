@@ -102,9 +102,9 @@ recognition::Background load_deep_background(const ModelStore& models, const std
                         "is not calibrated, no background is given");
   const std::string path = models.path_or(which, kDeepBackground);
   recognition::Background background = recognition::read_background(path);
-  if (background.of_network != network->fingerprint ||
+  if (background.network_fingerprint != network->fingerprint ||
       background.mean.size() != network->outputs()) {
-    throw ModelError(path, background.of_network == 0
+    throw ModelError(path, background.network_fingerprint == 0
                                ? "was not trained on deep templates"
                                : "is of another network than " +
                                      (own ? own->name : models.place_of(kDeepNetwork)));
@@ -115,7 +115,8 @@ recognition::Background load_deep_background(const ModelStore& models, const std
 
 void attach_network(recognition::Recognizer& model, SharedNetwork network,
                     const std::string& path) {
-  const bool same = model.of_network == 0 || model.of_network == network->fingerprint;
+  const bool same =
+      model.network_fingerprint == 0 || model.network_fingerprint == network->fingerprint;
   if (!same || model.mean.size() != network->outputs())
     throw ModelError(path, "was trained with another network" +
                                (network->name.empty() ? std::string() : " than " + network->name));
@@ -183,13 +184,13 @@ std::optional<recognition::Background> background_for(people::Gallery& gallery,
                                                       const ModelStore& models,
                                                       const std::string& which,
                                                       const SharedNetwork& own) {
-  const std::int64_t faces = gallery.face_count_up_to(people::kLearnedWhole + 1);
+  const std::int64_t faces = gallery.face_count_up_to(people::kMaxSmallGalleryFaces + 1);
   if (has_deep_templates(gallery)) {
     if (faces == 0) return std::nullopt;
     return load_deep_background(models, which, own);
   }
   const bool learned = gallery.model_generation() == gallery.generation();
-  if (which.empty() && (faces == 0 || (faces <= people::kLearnedWhole && learned)))
+  if (which.empty() && (faces == 0 || (faces <= people::kMaxSmallGalleryFaces && learned)))
     return std::nullopt;
   return load_background(models, which);
 }

@@ -70,7 +70,7 @@ TEST(BackgroundSpace, KnowsPeopleAndKeepsStrangersOut) {
   const Recognizer model =
       train_coordinates(coordinates_of_all(general, set.faces), set.labels, {}, quiet, {}, general);
   ASSERT_TRUE(model.calibration);
-  EXPECT_EQ(model.calibration->stranger_people, 12);
+  EXPECT_EQ(model.calibration->impostor_people, 12);
   const double threshold = model.calibration->threshold(0.01, 12);
   const auto probes = synthetic_faces(12, 2, 0.3, 2);
   int right = 0;

@@ -104,10 +104,10 @@ TEST_F(CellIndexTest, FindsWhatItWasMadeOf) {
   EXPECT_EQ(report.templates, 1500);
   EXPECT_EQ(report.passes, 1);
   const CellIndex index(path("i"));
-  EXPECT_EQ(index.sum(), report.sum);
-  EXPECT_EQ(index.label().last, 15000);
-  EXPECT_EQ(index.label().space, -7);
-  EXPECT_EQ(index.label().model, 3);
+  EXPECT_EQ(index.sha256(), report.sha256);
+  EXPECT_EQ(index.metadata().last_id, 15000);
+  EXPECT_EQ(index.metadata().space, -7);
+  EXPECT_EQ(index.metadata().model, 3);
   EXPECT_EQ(index.templates(), 1500);
   int found = 0;
   for (Eigen::Index i = 0; i < rows.rows(); ++i) {
@@ -157,7 +157,7 @@ TEST_F(CellIndexTest, TheFileDependsNeitherOnThreadsNorOnPasses) {
   EXPECT_EQ(whole.passes, 1);
   EXPECT_GT(pieces.passes, 1);
   EXPECT_EQ(contents(path("whole")), contents(path("pieces")));
-  EXPECT_THAT(one.sum, SizeIs(64));
+  EXPECT_THAT(one.sha256, SizeIs(64));
 }
 
 TEST_F(CellIndexTest, WhatIsTakenOutIsGone) {
@@ -170,7 +170,7 @@ TEST_F(CellIndexTest, WhatIsTakenOutIsGone) {
   const auto stays = [&](std::int64_t id) { return id != gone; };
   const CellIndexReport less = index.write_without(path("less"), stays, {});
   EXPECT_EQ(less.templates, whole.templates - 1);
-  EXPECT_NE(less.sum, whole.sum);
+  EXPECT_NE(less.sha256, whole.sha256);
   const CellIndex other(path("less"));
   std::set<std::int64_t> ids;
   other.each_cell([&](std::span<const std::int64_t> cell) { ids.insert(cell.begin(), cell.end()); },

@@ -252,7 +252,8 @@ TEST(DeepRecognizer, CoordinatesOfTwoNetworksDiffer) {
 TEST_F(DeepFile, ABackgroundRemembersItsNetwork) {
   const Background background = tiny_background(1);
   write_background(path("background.json"), background, json::object());
-  EXPECT_EQ(read_background(path("background.json")).of_network, background.network->fingerprint);
+  EXPECT_EQ(read_background(path("background.json")).network_fingerprint,
+            background.network->fingerprint);
 }
 
 TEST(Deep, TheChipOfACutHasItsEyesWhereTheNetworkLearnedThem) {
@@ -266,7 +267,7 @@ TEST(Deep, TheChipOfACutHasItsEyesWhereTheNetworkLearnedThem) {
     const cv::Mat chip = chip_of_crop(crop);
     ASSERT_EQ(chip.type(), CV_8UC3);
     EXPECT_EQ(cv::norm(crop, before), 0) << "the crop is somebody else's";
-    for (const double x : {75 - kChipEyes / 2, 75 + kChipEyes / 2}) {
+    for (const double x : {75 - kChipEyeDistance / 2, 75 + kChipEyeDistance / 2}) {
       cv::Point2d sum;
       double weight = 0;
       for (int row = 30; row < 62; ++row)

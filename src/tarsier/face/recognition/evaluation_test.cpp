@@ -102,12 +102,12 @@ TEST(AcceptRates, AgreeWithCountingByHand) {
   const auto rates =
       accept_rates({0.5, 0.8, 0.95, 0.96}, {0.1, 0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.4, 0.6, 0.9}, 0.1);
   EXPECT_DOUBLE_EQ(rates.threshold, 0.8);
-  EXPECT_DOUBLE_EQ(rates.true_accepts, 0.75);
-  EXPECT_NEAR(rates.area, (8 + 9 + 10 + 10) / 40.0, 1e-12);
-  EXPECT_NEAR(rates.equal_error, (0.25 + 0.2) / 2, 1e-12);
+  EXPECT_DOUBLE_EQ(rates.true_accept_rate, 0.75);
+  EXPECT_NEAR(rates.auc, (8 + 9 + 10 + 10) / 40.0, 1e-12);
+  EXPECT_NEAR(rates.equal_error_rate, (0.25 + 0.2) / 2, 1e-12);
   // Equal scores of a known person and a stranger cannot be separated.
-  EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).true_accepts, 0);
-  EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).area, 0.5);
+  EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).true_accept_rate, 0);
+  EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).auc, 0.5);
 }
 
 TEST(Evaluate, FiguresCurvesAndTablesAgree) {
@@ -126,16 +126,16 @@ TEST(Evaluate, FiguresCurvesAndTablesAgree) {
   ASSERT_EQ(first.seeds.size(), 2U);
   EXPECT_EQ(first.seeds[0].people, 6);
   EXPECT_EQ(first.seeds[0].probes, 18);
-  EXPECT_EQ(first.seeds[0].stranger_probes, 15);
+  EXPECT_EQ(first.seeds[0].unknown_probes, 15);
   EXPECT_EQ(first.seeds[0].known_probes, 9);
   EXPECT_GE(first.mean().accuracy, 0.95);
   EXPECT_NEAR(first.mean().accuracy, (first.seeds[0].accuracy + first.seeds[1].accuracy) / 2,
               1e-12);
-  const auto match = match_curve(first);
+  const auto match = cmc_curve(first);
   ASSERT_EQ(match.y.size(), 6U);
   EXPECT_NEAR(match.y.front(), first.mean().accuracy, 1e-12);
   EXPECT_DOUBLE_EQ(match.y.back(), 1);
-  const auto accept = accept_curve(first);
+  const auto accept = roc_curve(first);
   EXPECT_DOUBLE_EQ(accept.x.back(), 1);
   EXPECT_DOUBLE_EQ(accept.y.back(), 1);
   EXPECT_TRUE(std::is_sorted(accept.x.begin(), accept.x.end()));
@@ -144,8 +144,8 @@ TEST(Evaluate, FiguresCurvesAndTablesAgree) {
   const auto csv = evaluation_csv(results);
   EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 1 + 2 * 3);
   EXPECT_THAT(csv, HasSubstr("\neigen,2,all,6,36,"));
-  EXPECT_EQ(match_plot(results, {640, 400}).size(), cv::Size(640, 400));
-  EXPECT_THAT(accept_plot_svg(results, {640, 400}), HasSubstr("eigen"));
+  EXPECT_EQ(cmc_plot(results, {640, 400}).size(), cv::Size(640, 400));
+  EXPECT_THAT(roc_plot_svg(results, {640, 400}), HasSubstr("eigen"));
 
   options.training = 5;
   EXPECT_THROW((void)evaluate(set.faces, set.labels, {}, options, quiet, {}),
@@ -172,7 +172,7 @@ TEST(Evaluate, ProbesThatMayNotTrainAreCountedApart) {
   EXPECT_EQ(after.training, before.training);
   EXPECT_EQ(after.probes, before.probes);
   EXPECT_EQ(after.accuracy, before.accuracy);
-  EXPECT_EQ(after.stranger_probes, before.stranger_probes);
+  EXPECT_EQ(after.unknown_probes, before.unknown_probes);
   EXPECT_EQ(after.uncertain_identified.hits, 1);
   EXPECT_EQ(after.uncertain_identified.trials, 2);
   EXPECT_EQ(before.uncertain_identified.trials, 0);
@@ -199,10 +199,10 @@ TEST(Evaluate, AsksForWhatIsNotInTheGallery) {
   const SeedResult& draw = result.seeds.front();
   EXPECT_EQ(draw.training, 5);
   EXPECT_EQ(draw.probes, 15);
-  for (const ProbeResult& probe : draw.closed) EXPECT_GE(probe.face, 5);
+  for (const ProbeResult& probe : draw.closed_set) EXPECT_GE(probe.face, 5);
   EXPECT_GE(draw.accuracy, 0.9);
   EXPECT_EQ(draw.known_probes, 6);
-  EXPECT_EQ(draw.stranger_probes, 9);
+  EXPECT_EQ(draw.unknown_probes, 9);
   options.gallery = 20;
   EXPECT_THROW((void)evaluate(faces, labels, {}, options, quiet, {}), std::invalid_argument);
 }
@@ -235,21 +235,21 @@ TEST(Evaluate, UsesTheBackgroundAsAGalleryDoes) {
     labels.push_back(set.labels[static_cast<std::size_t>(i)]);
   }
   const Recognizer model = train(faces, labels, {}, quiet, {}, &general);
-  const ProbeResult& probe = with.seeds[0].closed.front();
+  const ProbeResult& probe = with.seeds[0].closed_set.front();
   const double score =
       identify(model, set.faces[static_cast<std::size_t>(probe.face)]).front().score;
   EXPECT_DOUBLE_EQ(probe.score, score);
-  EXPECT_NE(probe.score, without.seeds[0].closed.front().score);
+  EXPECT_NE(probe.score, without.seeds[0].closed_set.front().score);
 
   // A single enrolled person has a threshold only with a background.
   options.enrolled = 1;
   const auto alone = evaluate(set.faces, set.labels, {}, options, quiet, {}, &general);
   EXPECT_TRUE(alone.seeds[0].calibrated);
   EXPECT_EQ(alone.seeds[0].known_probes, 3);
-  EXPECT_EQ(alone.seeds[0].stranger_probes, 25);
+  EXPECT_EQ(alone.seeds[0].unknown_probes, 25);
   const auto guessing = evaluate(set.faces, set.labels, {}, options, quiet, {});
   EXPECT_FALSE(guessing.seeds[0].calibrated);
-  EXPECT_EQ(guessing.rate(&SeedResult::stated_false_count).value, -1);
+  EXPECT_EQ(guessing.rate(&SeedResult::calibrated_false_accept_count).value, -1);
 }
 
 TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
@@ -275,18 +275,18 @@ TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
     }
     const Recognizer model = train(faces, labels, {}, quiet, {}, &general);
     const double threshold = model.calibration->threshold(0.05, 3);
-    for (const ProbeResult& probe : seed.open) {
+    for (const ProbeResult& probe : seed.open_set) {
       Count& count = probe.known ? known : strangers;
       ++count.trials;
       if (probe.score >= threshold) ++count.hits;
-      if (probe.known && probe.right && probe.score >= threshold) ++right.hits;
+      if (probe.known && probe.correct && probe.score >= threshold) ++right.hits;
     }
   }
-  const Rate tar = result.rate(&SeedResult::stated_true_count);
-  const Rate far = result.rate(&SeedResult::stated_false_count);
+  const Rate tar = result.rate(&SeedResult::calibrated_true_accept_count);
+  const Rate far = result.rate(&SeedResult::calibrated_false_accept_count);
   EXPECT_EQ(tar.count.hits, known.hits);
   EXPECT_EQ(tar.count.trials, 3 * 3 * 4);
-  EXPECT_EQ(result.rate(&SeedResult::stated_right_count).count.hits, right.hits);
+  EXPECT_EQ(result.rate(&SeedResult::calibrated_correct_accept_count).count.hits, right.hits);
   EXPECT_EQ(far.count.hits, strangers.hits);
   EXPECT_EQ(far.count.trials, 3 * 3 * 6);
   EXPECT_EQ(far.draws, 3);
@@ -371,11 +371,11 @@ TEST(OnOrl, FiguresAreThoseOfTheBook) {
   const auto accuracy = [&](Algorithm algorithm) {
     RecognizerOptions recognizer;
     recognizer.algorithm = algorithm;
-    options.strangers = algorithm == Algorithm::kDefault;
+    options.open_set = algorithm == Algorithm::kDefault;
     if (algorithm == Algorithm::kDefault) options.seeds = {0, 1};  // it is slow
     const auto result = evaluate(faces, labels, recognizer, options, quiet, {}).mean();
-    if (options.strangers) {
-      EXPECT_GE(result.true_accepts, 0.93);
+    if (options.open_set) {
+      EXPECT_GE(result.true_accept_rate, 0.93);
     }
     return result.accuracy;
   };

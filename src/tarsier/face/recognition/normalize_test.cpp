@@ -113,8 +113,8 @@ TEST(Descriptor, LightMattersLessThanThePerson) {
 TEST(Moved, MovesRightAndDownAndTurnsClockwise) {
   cv::Mat face(41, 41, CV_8UC1, cv::Scalar(0));
   face.at<unsigned char>(20, 30) = 255;  // right of the middle
-  EXPECT_EQ(moved_face(face, 2, 3, 0, 1).at<unsigned char>(23, 32), 255);
-  EXPECT_GT(moved_face(face, 0, 0, 90, 1).at<unsigned char>(30, 20), 200);  // now below it
+  EXPECT_EQ(transformed_face(face, 2, 3, 0, 1).at<unsigned char>(23, 32), 255);
+  EXPECT_GT(transformed_face(face, 0, 0, 90, 1).at<unsigned char>(30, 20), 200);  // now below it
 }
 
 TEST(Lbp, PatternsOfASlope) {

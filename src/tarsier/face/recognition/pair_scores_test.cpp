@@ -36,7 +36,7 @@ TEST(PairScores, TheThresholdHoldsForStrangers) {
         const double deviation = std::sqrt(general.variance(c));
         coordinates(i, c) = static_cast<float>(deviation * (same.normal() + 0.3 * person.normal()));
       }
-      coordinates(i, m) = static_cast<float>(general.outside);
+      coordinates(i, m) = static_cast<float>(general.residual_variance);
       who.push_back(p);
     }
   }

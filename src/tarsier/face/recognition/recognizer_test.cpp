@@ -162,7 +162,7 @@ TEST(Default, OnePersonIsToldFromStrangersByABackground) {
 TEST(Default, TheThresholdKeepsStrangersOut) {
   const auto model = trained(synthetic_faces(10, 4, 0.4, 1), Algorithm::kDefault);
   ASSERT_TRUE(model.calibration);
-  EXPECT_EQ(model.calibration->stranger_people, 10);
+  EXPECT_EQ(model.calibration->impostor_people, 10);
   const double threshold = model.calibration->threshold(0.01, 10);
   const auto strangers = synthetic_faces(40, 3, 0.4, 2, 100);
   int accepted = 0;
