@@ -60,7 +60,7 @@ class Watch {
 };
 
 // Synthetic faces of the shipped appearance model with random parameters, one person per number.
-// They are cropped as by cut_face(). Images of one person differ in light, position and noise.
+// They are cropped as by crop_face(). Images of one person differ in light, position and noise.
 class DrawnPeople {
  public:
   explicit DrawnPeople(const face::appearance::AppearanceModel& model)
@@ -73,7 +73,7 @@ class DrawnPeople {
     const cv::Mat portrait = synthesis_.portrait(face.b, face.c, {230, 270}, &points);
     cv::Mat gray;
     cv::cvtColor(portrait, gray, cv::COLOR_BGR2GRAY);
-    const cv::Mat crop = face::people::cut_face(gray, face::people::eyes_of_points(points));
+    const cv::Mat crop = face::people::crop_face(gray, face::people::eyes_from_landmarks(points));
     std::vector<cv::Mat> out;
     for (int k = first; k < first + count; ++k) {
       Rng rng = Rng(seed + 1).fork(static_cast<std::uint64_t>(k));
@@ -131,7 +131,7 @@ class PeopleBench {
     const std::string name = fmt::format("{} faces: ", size);
     const Scratch scratch;
     face::people::Gallery gallery(scratch / "people.db");
-    face::people::TemplateMaker maker(gallery, &background_);
+    face::people::TemplateExtractor maker(gallery, &background_);
     const std::int64_t alone = std::min<std::int64_t>(1000, std::max<std::int64_t>(1, size / 5));
     fill(gallery, size - alone);
     // The last ones are enrolled as by a user: one after the other, each on the disk before the
@@ -150,14 +150,15 @@ class PeopleBench {
     report(name + "enrol one more", each);
 
     Watch watch;
-    auto model = face::people::load_gallery_model(
-        gallery, &background_, true, face::people::Learn::kNow, *context_.progress, context_.stop);
+    auto model = face::people::load_gallery_model(gallery, &background_, true,
+                                                  face::people::TrainingPolicy::kAlways,
+                                                  *context_.progress, context_.stop);
     report(name + "learn again (train)", {watch.took()});
     model.reset();
     watch = {};
-    model =
-        face::people::load_gallery_model(gallery, &background_, true, face::people::Learn::kWhenDue,
-                                         *context_.progress, context_.stop);
+    model = face::people::load_gallery_model(gallery, &background_, true,
+                                             face::people::TrainingPolicy::kIfNeeded,
+                                             *context_.progress, context_.stop);
     report(name + "read the model and all templates", {watch.took()});
     const Recognizer& recognizer = model->recognizer;
     std::vector<cv::Mat> probes;
@@ -188,7 +189,7 @@ class PeopleBench {
     line({{"bench", "people"},
           {"case", name + "in all"},
           {"proven", forgotten && forgotten->proven()},
-          {"pieces", forgotten ? forgotten->pieces : 0},
+          {"pieces", forgotten ? forgotten->total_pieces : 0},
           {"file_mb",
            rounded(static_cast<double>(std::filesystem::file_size(scratch / "people.db", ignored)) /
                        1e6,

@@ -87,7 +87,7 @@ std::vector<OptionsCase> face_options() {
       options_case<face::landmarks::TreesOptions>("face::landmarks::TreesOptions"),
       options_case<face::people::ClassicalOptions>("face::people::ClassicalOptions"),
       options_case<face::people::CollectOptions>("face::people::CollectOptions"),
-      options_case<face::people::CutOptions>("face::people::CutOptions"),
+      options_case<face::people::CropOptions>("face::people::CropOptions"),
       options_case<face::people::FaceReaderOptions>("face::people::FaceReaderOptions"),
       options_case<face::people::GroupMergingOptions>("face::people::GroupMergingOptions"),
       options_case<face::people::GroupingOptions>("face::people::GroupingOptions"),

@@ -89,7 +89,7 @@ cv::Rect PeopleSession::panel_area() const {
 std::string PeopleSession::prompt() const {
   if (mode_ != PeopleMode::kCollect) return "";
   if (faces_.empty()) return "No face to be seen";
-  return kPrompts[static_cast<std::size_t>(collector_.taken()) % kPrompts.size()];
+  return kPrompts[static_cast<std::size_t>(collector_.accepted()) % kPrompts.size()];
 }
 
 std::string PeopleSession::help_line() const {
@@ -102,7 +102,7 @@ std::string PeopleSession::help_line() const {
     case PeopleMode::kCollect:
       return fmt::format("Taking faces of {}: {} so far. Click elsewhere to end and train",
                          printable(people_[static_cast<std::size_t>(collecting_)].name),
-                         collector_.taken());
+                         collector_.accepted());
     case PeopleMode::kTrain:
       return "Training ..";
     case PeopleMode::kRecognize:
@@ -211,7 +211,7 @@ void PeopleSession::draw_debug() {
   } kept;
   const face::people::Face& face = faces_.front().face;
   kept.image("aligned", face.crop);
-  (void)face::people::classical_face(face.crop, face::people::CutOptions(), {}, &kept);
+  (void)face::people::classical_face(face.crop, face::people::CropOptions(), {}, &kept);
   kept.image("light taken out",
              face::recognition::light_image(face::recognition::tan_triggs(face.crop)));
   const cv::Size size = image_size();
@@ -221,7 +221,8 @@ void PeopleSession::draw_debug() {
       fmt::format("eyes {:.0f} px  sharp {:.2f}  turn {:+.2f}  tilt {:+.2f}  light {:.0f}",
                   face.quality.eye_distance, face.quality.sharpness, face.quality.turn,
                   face.quality.tilt, face.quality.light);
-  for (const std::string& flaw : face::people::problems(face.quality, options_.collect.gate))
+  for (const std::string& flaw :
+       face::people::quality_problems(face.quality, options_.collect.gate))
     text += "  " + flaw;
   if (!faces_.front().name.label.empty())
     text += fmt::format("  score {:.3f}, threshold {:.3f}", faces_.front().name.score,

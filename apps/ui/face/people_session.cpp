@@ -75,7 +75,7 @@ void PeopleSession::load_people() {
 }
 
 View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (source_of(frame) != collected_from_) collector_.restart();
+  if (source_of(frame) != collected_from_) collector_.reset();
   collected_from_ = source_of(frame);
   source_name_ = frame.name;
   source_ = trouble_of(source);
@@ -116,13 +116,13 @@ void PeopleSession::collect() {
   person.latest = face.crop;
   flash_ = kFlashFrames;
   message_.clear();
-  if (collector_.taken() >= options_.max_faces) end_collecting();
+  if (collector_.accepted() >= options_.max_faces) end_collecting();
 }
 
 // Starts training. An existing model is used meanwhile.
 void PeopleSession::train() {
-  training_.emplace(gallery_, identity_.background(), true, face::people::Learn::kWhenDue,
-                    face::people::Searching::kByIndex);
+  training_.emplace(gallery_, identity_.background(), true, face::people::TrainingPolicy::kIfNeeded,
+                    face::people::SearchMode::kIndexed);
   mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kTrain;
 }
 
@@ -149,7 +149,7 @@ void PeopleSession::learn() {
 
 // Follows changes of the gallery, here or by other programs.
 void PeopleSession::follow() {
-  if (identity_.recognizer() == nullptr || !identity_.follow()) return;
+  if (identity_.recognizer() == nullptr || !identity_.update()) return;
   if (people_changed()) reload_people();
   if (mode_ == PeopleMode::kRecognize && identity_.recognizer() == nullptr)
     mode_ = PeopleMode::kDetect;
@@ -234,8 +234,8 @@ void PeopleSession::not_this_person() {
     return;
   }
   face::NamedFace& face = faces_.front();
-  const face::people::SeenFace seen{face.face.crop, face.face.quality.score(),
-                                    face::people::quality_json(face.face.quality).dump()};
+  const face::people::SightingFace seen{face.face.crop, face.face.quality.score(),
+                                        face::people::quality_json(face.face.quality).dump()};
   try {
     corrections_.push_back(gallery_.not_this_person(face.name.label, seen, source_name_, stamp()));
     message_ = fmt::format("Not {}: noted (u takes it back)", printable(face.name.label));
@@ -243,7 +243,7 @@ void PeopleSession::not_this_person() {
     message_ = error.what();
   }
   follow();
-  identity_.forget_frames();
+  identity_.clear_pooled_templates();
   face.name = {};
 }
 
@@ -333,9 +333,9 @@ void PeopleSession::delete_all() {
   } else if (report->proven()) {
     message_ = fmt::format("all are deleted; {} files searched, nothing is left",
                            report->search.files.size());
-  } else if (!report->search.found.empty()) {
-    message_ =
-        "all are deleted, but copies of faces are left: " + printable(report->search.found.front());
+  } else if (!report->search.files_with_pieces.empty()) {
+    message_ = "all are deleted, but copies of faces are left: " +
+               printable(report->search.files_with_pieces.front());
   } else {
     message_ = "all are deleted; that no copy is left could not be proven";
   }

@@ -62,9 +62,9 @@ void RecognizeSession::process(const Frame& frame) {
 
 bool RecognizeSession::idle() {
   // The last frame of a stalled source must not show the name of a forgotten person either.
-  if (!state_.follow()) return false;
+  if (!state_.update()) return false;
   for (face::NamedFace& face : result_.faces)
-    if (!state_.knows(face.name.label)) face.name = {};
+    if (!state_.is_enrolled(face.name.label)) face.name = {};
   return true;
 }
 

@@ -44,14 +44,14 @@ ExitStatus group_faces(const GroupFlags& flags, Context& context) {
   const auto report = face::people::group_sightings(gallery, background, flags.grouping,
                                                     *context.progress, context.stop);
   if (context.json) {
-    print_json({{"placed", report.placed},
-                {"new", report.made},
+    print_json({{"placed", report.assigned},
+                {"new", report.new_groups},
                 {"merged", report.merged},
                 {"groups", report.groups},
                 {"threshold", rounded(report.threshold, 4)}});
   } else {
     print_text(fmt::format("{} unknown faces placed, {} new groups, {} merged: {} groups now\n",
-                           report.placed, report.made, report.merged, report.groups));
+                           report.assigned, report.new_groups, report.merged, report.groups));
   }
   return report.groups > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }

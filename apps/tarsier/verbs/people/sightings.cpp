@@ -13,7 +13,7 @@ constexpr double kLost = 60;    // s; after this time a lost face does not get i
 // A better face replaces the stored one if its quality is higher by this factor.
 constexpr double kBetter = 1.15;
 
-face::people::SeenFace seen(const face::people::Face& face) {
+face::people::SightingFace seen(const face::people::Face& face) {
   return {face.crop.clone(), face.quality.score(), face::people::quality_json(face.quality).dump()};
 }
 
@@ -23,7 +23,7 @@ SightingWriter::SightingWriter(face::people::Gallery& gallery, std::int64_t keep
     : gallery_(gallery), retention_(gallery, keep_ms) {}
 
 bool SightingWriter::is_good(const face::people::Face& face) const {
-  return face.trusted && face::people::problems(face.quality, gate_).empty();
+  return face.trusted && face::people::quality_problems(face.quality, gate_).empty();
 }
 
 void SightingWriter::write(Track& track, std::int64_t time, const std::string& label, bool known) {

@@ -43,7 +43,7 @@ class SightingWriter {
     double confidence = 0;
     std::string name;  // source name of the frames
     // Best face since the last sighting; without a crop: none was good enough.
-    face::people::SeenFace best;
+    face::people::SightingFace best;
     std::int64_t sighting = 0;  // its stored face may still be replaced by a better one
     double stored = 0;          // quality of its stored face
   };

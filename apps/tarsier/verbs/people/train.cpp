@@ -170,7 +170,8 @@ ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
     gallery.set_algorithm("default");
     gallery.set_network("");
   }
-  const auto model = model_of_gallery(gallery, flags.people, context, face::people::Learn::kNow);
+  const auto model =
+      model_of_gallery(gallery, flags.people, context, face::people::TrainingPolicy::kAlways);
   if (!model) {
     log_info("{}: nobody is enrolled", flags.people.gallery);
     return ExitStatus::kNothingFound;

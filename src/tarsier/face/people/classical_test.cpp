@@ -41,15 +41,15 @@ class Kept final : public DebugSink {
 };
 
 TEST(CutTest, EyesLieWhereTheyShouldWhateverTheirPlaceSizeAndTurn) {
-  const CutOptions cut;
+  const CropOptions options;
   for (const double degrees : {-25.0, 0.0, 17.0}) {
     for (const double distance : {24.0, 60.0, 110.0}) {
       const double a = degrees * CV_PI / 180;
       const cv::Point2d half(0.5 * distance * std::cos(a), 0.5 * distance * std::sin(a));
       const cv::Point2d middle(203.3, 110.7);
       const Eyes eyes{middle - half, middle + half};
-      const cv::Mat face = cut_face(drawn_face(eyes), eyes, cut);
-      ASSERT_EQ(face.size(), cut.size);
+      const cv::Mat face = crop_face(drawn_face(eyes), eyes, options);
+      ASSERT_EQ(face.size(), options.size);
       const cv::Point2d left = darkest(face, {0, 30, 64, 50});
       const cv::Point2d right = darkest(face, {64, 30, 64, 50});
       EXPECT_NEAR(left.x, 0.27 * 128 - 0.5, 0.8) << degrees << " " << distance;
@@ -62,14 +62,14 @@ TEST(CutTest, EyesLieWhereTheyShouldWhateverTheirPlaceSizeAndTurn) {
 
 TEST(CutTest, OutsideTheImageTheEdgeIsRepeated) {
   const Eyes eyes{{2, 5}, {30, 5}};
-  const cv::Mat face = cut_face(cv::Mat(100, 40, CV_8UC1, cv::Scalar(77)), eyes);
+  const cv::Mat face = crop_face(cv::Mat(100, 40, CV_8UC1, cv::Scalar(77)), eyes);
   EXPECT_EQ(cv::countNonZero(face != 77), 0);
 }
 
 TEST(CutTest, EyesThatCannotBeAreRefused) {
   const cv::Mat gray(50, 50, CV_8UC1, cv::Scalar(0));
-  EXPECT_THROW((void)cut_face(gray, {{5, 5}, {5, 5}}), std::invalid_argument);
-  EXPECT_THROW((void)cut_face(gray, {{NAN, 5}, {25, 5}}), std::invalid_argument);
+  EXPECT_THROW((void)crop_face(gray, {{5, 5}, {5, 5}}), std::invalid_argument);
+  EXPECT_THROW((void)crop_face(gray, {{NAN, 5}, {25, 5}}), std::invalid_argument);
 }
 
 TEST(PointsTest, TheSimilarityGivesBackTheEyesOfAnUprightFace) {
@@ -81,14 +81,14 @@ TEST(PointsTest, TheSimilarityGivesBackTheEyesOfAnUprightFace) {
   put(42, 6, 0.5, 0);
   put(31, 5, 0, 0.70);
   put(50, 3, 0, 0.93);
-  const Eyes eyes = eyes_of_points(points);
+  const Eyes eyes = eyes_from_landmarks(points);
   EXPECT_NEAR(eyes.left.x, 80, 1e-9);
   EXPECT_NEAR(eyes.right.x, 120, 1e-9);
   EXPECT_NEAR(eyes.left.y, 80, 1e-9);
   // In a profile view the eyes are closer together. The length of the face keeps the scale.
   put(36, 6, -0.3, 0);
   put(42, 6, 0.3, 0);
-  EXPECT_GT(eyes_of_points(points).distance(), 1.3 * 24);
+  EXPECT_GT(eyes_from_landmarks(points).distance(), 1.3 * 24);
 }
 
 TEST(ClassicalTest, StagesFollowEachOther) {
@@ -108,7 +108,7 @@ TEST(ClassicalTest, FromTheCutFaceItIsTheSameAsFromTheImage) {
   Kept direct;
   Kept through;
   (void)classical_face(image, eyes, {}, &direct);
-  (void)classical_face(cut_face(image, eyes), CutOptions(), {}, &through);
+  (void)classical_face(crop_face(image, eyes), CropOptions(), {}, &through);
   EXPECT_LT(face_difference(direct.images["cut"], through.images["cut"]), 0.15);
 }
 

@@ -25,9 +25,9 @@ TEST(CollectorTest, InVideosFacesMustDifferAndTimePass) {
   EXPECT_EQ(collector.offer(face(2), 0.5, true), "too soon");
   EXPECT_EQ(collector.offer(face(1), 1.5, true), "too much like the last");
   EXPECT_EQ(collector.offer(face(2), 1.6, true), "");
-  EXPECT_EQ(collector.taken(), 2);
-  EXPECT_EQ(collector.refused().at("too soon"), 1);
-  collector.restart();
+  EXPECT_EQ(collector.accepted(), 2);
+  EXPECT_EQ(collector.rejected().at("too soon"), 1);
+  collector.reset();
   EXPECT_EQ(collector.offer(face(2), 1.7, true), "");
 }
 
@@ -36,7 +36,7 @@ TEST(CollectorTest, UncertainFacesAreRefusedUnlessNobodyChecks) {
   uncertain.trusted = false;
   Collector strict;
   EXPECT_EQ(strict.offer(uncertain, 0, false), "uncertain face");
-  EXPECT_EQ(strict.taken(), 0);
+  EXPECT_EQ(strict.accepted(), 0);
   CollectOptions any;
   any.check_quality = false;
   EXPECT_EQ(Collector(any).offer(uncertain, 0, false), "");

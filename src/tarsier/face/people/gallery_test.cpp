@@ -124,19 +124,19 @@ TEST_F(GalleryTest, ForgettingLeavesNoByte) {
   ASSERT_TRUE(gallery.store_model("subspace", gallery.generation(), 0, learned, templates));
   gallery.add_sighting(5, "camera", "Ann", true, 0.9);
   gallery.add_sighting(6, "camera", "Ben", true, 0.9);
-  EXPECT_FALSE(search_below(pieces, folder_, {}).found.empty());
+  EXPECT_FALSE(search_below(pieces, folder_, {}).files_with_pieces.empty());
 
   const auto report = gallery.forget("Ann", {});
   ASSERT_TRUE(report);
   EXPECT_TRUE(report->proven());
   EXPECT_EQ(report->person.faces, 4);
   EXPECT_EQ(report->sightings, 1);
-  EXPECT_GT(report->pieces, 10'000);
-  EXPECT_EQ(report->searched, report->pieces);
-  EXPECT_TRUE(report->unlearned);
+  EXPECT_GT(report->total_pieces, 10'000);
+  EXPECT_EQ(report->searched_pieces, report->total_pieces);
+  EXPECT_TRUE(report->model_removed);
   EXPECT_GT(report->search.bytes, 10'000);
   const SearchReport again = search_below(pieces, folder_, {});
-  EXPECT_THAT(again.found, IsEmpty());
+  EXPECT_THAT(again.files_with_pieces, IsEmpty());
   EXPECT_GE(again.files.size(), 1U);
   EXPECT_FALSE(gallery.model());
   EXPECT_THAT(gallery.sightings(), SizeIs(1));
@@ -151,7 +151,7 @@ TEST_F(GalleryTest, ACopyInTheFolderIsTold) {
   std::filesystem::copy_file(path("out/person-1/face-1.png"), path("copy.png"));
   const auto report = gallery.forget("Ann", {});
   EXPECT_FALSE(report->proven());
-  EXPECT_THAT(report->search.found,
+  EXPECT_THAT(report->search.files_with_pieces,
               testing::ElementsAre(path("copy.png"), path("out/person-1/face-1.png")));
 }
 
@@ -163,9 +163,10 @@ TEST_F(GalleryTest, AnExportBelowTheFolderIsTold) {
   export_gallery(gallery, path("all"), [](std::int64_t) { return "t"; }, {});
   const auto report = gallery.forget("Ann", {});
   EXPECT_FALSE(report->proven());
-  EXPECT_THAT(report->search.found, testing::ElementsAre(path("all/person-1/face-1.png")));
+  EXPECT_THAT(report->search.files_with_pieces,
+              testing::ElementsAre(path("all/person-1/face-1.png")));
   std::filesystem::remove(path("all/person-1/face-1.png"));
-  EXPECT_TRUE(gallery.forget("Ben", {})->search.found.size() == 1);
+  EXPECT_TRUE(gallery.forget("Ben", {})->search.files_with_pieces.size() == 1);
 }
 
 // One image under two names. The other person's bytes stay, so nothing is reported as proven.
@@ -176,18 +177,18 @@ TEST_F(GalleryTest, AnEmptyProofIsNotCalledAProof) {
   const auto report = gallery.forget("Same", {});
   ASSERT_TRUE(report);
   EXPECT_FALSE(report->proven());
-  EXPECT_EQ(report->searched, 0);
-  EXPECT_GT(report->shared, 1000);
-  EXPECT_EQ(report->unproven, 1);
+  EXPECT_EQ(report->searched_pieces, 0);
+  EXPECT_GT(report->shared_pieces, 1000);
+  EXPECT_EQ(report->unproven_records, 1);
   EXPECT_THAT(report->shared_with, testing::ElementsAre("Ann"));
-  EXPECT_THAT(report->search.found, IsEmpty());
+  EXPECT_THAT(report->search.files_with_pieces, IsEmpty());
   // If the person also has other images, the number of unproven faces is reported.
   gallery.enroll("Same", "", face(1));
   gallery.enroll("Same", "", face(2));
   const auto partly = gallery.forget("Same", {});
   EXPECT_FALSE(partly->proven());
-  EXPECT_EQ(partly->unproven, 1);
-  EXPECT_GT(partly->searched, 1000);
+  EXPECT_EQ(partly->unproven_records, 1);
+  EXPECT_GT(partly->searched_pieces, 1000);
   EXPECT_TRUE(gallery.forget("Ann", {})->proven());
 }
 
@@ -289,9 +290,9 @@ TEST_F(GalleryTest, EnrollingKeepsWhatWasLearned) {
   EXPECT_THAT(gallery.template_of(other, *model), testing::ElementsAre(3.0F, 4.0F));
   EXPECT_THAT(gallery.without_template(*model), testing::ElementsAre(3));
   // Forgetting a person whom nothing was learned from keeps the model.
-  EXPECT_FALSE(gallery.forget("Ben", {})->unlearned);
+  EXPECT_FALSE(gallery.forget("Ben", {})->model_removed);
   EXPECT_TRUE(gallery.model());
-  EXPECT_TRUE(gallery.forget("Ann", {})->unlearned);
+  EXPECT_TRUE(gallery.forget("Ann", {})->model_removed);
   EXPECT_FALSE(gallery.model());
 }
 
@@ -384,7 +385,7 @@ INSERT INTO model VALUES(1, 7, x'78');
   EXPECT_FALSE(gallery.sightings()[0].has_face);
   // Numbers continue, and a sighting may be of an unknown person.
   EXPECT_EQ(gallery.add_sighting(6, "cam", "", false, 0), 10);
-  EXPECT_TRUE(gallery.forget("Ann", {})->unlearned);
+  EXPECT_TRUE(gallery.forget("Ann", {})->model_removed);
   EXPECT_FALSE(gallery.model());
 }
 

@@ -60,7 +60,7 @@ TEST(GroupMerging, LearnsWhatDiffersWithinGroups) {
   const double self = groups.at(1).row(0).dot(groups.at(2).row(0));
   const double other = groups.at(1).row(0).dot(groups.at(3).row(0));
   EXPECT_LT(self, other);
-  const auto merged = alike_groups(groups, {});
+  const auto merged = find_group_merges(groups, {});
   ASSERT_TRUE(merged);
   std::set<std::pair<std::int64_t, std::int64_t>> found(merged->begin(), merged->end());
   for (const auto& [from, into] : found) {
@@ -68,14 +68,14 @@ TEST(GroupMerging, LearnsWhatDiffersWithinGroups) {
     EXPECT_EQ(from, into + 1);
   }
   EXPECT_GE(found.size(), 11U);
-  EXPECT_EQ(alike_groups(groups, {}), merged);
+  EXPECT_EQ(find_group_merges(groups, {}), merged);
 }
 
 TEST(GroupMerging, StrangersAreNotMerged) {
   const Crowd crowd(9);
   GroupTemplates groups;
   for (int p = 0; p < 60; ++p) groups.emplace(p + 1, crowd.sightings(p, 3, p % 2 == 0 ? 6 : -6));
-  const auto merged = alike_groups(groups, {});
+  const auto merged = find_group_merges(groups, {});
   ASSERT_TRUE(merged);
   EXPECT_TRUE(merged->empty());
 }
@@ -84,8 +84,8 @@ TEST(GroupMerging, GroupsThatAreApartStayApart) {
   const Crowd crowd(4);
   GroupTemplates groups = halves(crowd, 12);
   groups.emplace(30, crowd.sightings(0, 1, 6));
-  const auto free = alike_groups(groups, {});
-  const auto kept = alike_groups(groups, {{1, 2}});
+  const auto free = find_group_merges(groups, {});
+  const auto kept = find_group_merges(groups, {{1, 2}});
   ASSERT_TRUE(free && kept);
   const auto count_of_first = [](const GroupPairs& merged) {
     std::map<std::int64_t, std::int64_t> in{{1, 1}, {2, 2}, {30, 30}};
@@ -103,18 +103,18 @@ TEST(GroupMerging, GroupsThatAreApartStayApart) {
 
 TEST(GroupMerging, SaysWhereTooLittleIsKnown) {
   const Crowd crowd(4);
-  EXPECT_FALSE(alike_groups({}, {}));
-  EXPECT_FALSE(alike_groups(halves(crowd, 4), {}));      // 8 groups
-  EXPECT_FALSE(alike_groups(halves(crowd, 12, 1), {}));  // no variation within groups
-  EXPECT_TRUE(alike_groups(halves(crowd, 6, 3), {}));
+  EXPECT_FALSE(find_group_merges({}, {}));
+  EXPECT_FALSE(find_group_merges(halves(crowd, 4), {}));      // 8 groups
+  EXPECT_FALSE(find_group_merges(halves(crowd, 12, 1), {}));  // no variation within groups
+  EXPECT_TRUE(find_group_merges(halves(crowd, 6, 3), {}));
   GroupTemplates broken = halves(crowd, 6, 3);
   broken[99] = Rows::Zero(1, kLength + 1);
-  EXPECT_THROW((void)alike_groups(broken, {}), std::invalid_argument);
-  broken[99] = Rows::Zero(kMergingSightings + 1, kLength);
-  EXPECT_THROW((void)alike_groups(broken, {}), std::invalid_argument);
+  EXPECT_THROW((void)find_group_merges(broken, {}), std::invalid_argument);
+  broken[99] = Rows::Zero(kMaxSightingsPerGroup + 1, kLength);
+  EXPECT_THROW((void)find_group_merges(broken, {}), std::invalid_argument);
   GroupMergingOptions options;
   options.floor = 0;
-  EXPECT_THROW((void)alike_groups(halves(crowd, 6), {}, options), std::invalid_argument);
+  EXPECT_THROW((void)find_group_merges(halves(crowd, 6), {}, options), std::invalid_argument);
 }
 
 TEST(GroupMerging, OfManyGroupsThoseWithMostSightingsTakePart) {
@@ -124,7 +124,7 @@ TEST(GroupMerging, OfManyGroupsThoseWithMostSightingsTakePart) {
   groups.emplace(200, crowd.sightings(0, 1, 6));  // of the first person
   GroupMergingOptions options;
   options.max_groups = 24;
-  const auto merged = alike_groups(groups, {}, options);
+  const auto merged = find_group_merges(groups, {}, options);
   ASSERT_TRUE(merged);
   EXPECT_GE(merged->size(), 10U);
   for (const auto& [from, into] : *merged) EXPECT_LT(from, 100);

@@ -32,7 +32,7 @@ recognition::Background background() {
 class GalleryModelTest : public FolderTest {
  protected:
   void enroll(Gallery& gallery, int people, int images, int first = 0,
-              TemplateMaker* maker = nullptr) {
+              TemplateExtractor* maker = nullptr) {
     const auto faces = synthetic_faces(people, images, 0.3, 5, first, {128, 160});
     for (std::size_t i = 0; i < faces.faces.size(); ++i) {
       StoredFace face;
@@ -72,12 +72,13 @@ TEST_F(GalleryModelTest, DeepTemplatesAreMadeOnceAndDependOnNobody) {
   Gallery gallery(path("p.db"));
   gallery.set_algorithm("deep");
   const auto general = deep_background(1);
-  TemplateMaker maker(gallery, &general);
+  TemplateExtractor maker(gallery, &general);
   enroll(gallery, 2, 1, 0, &maker);
   const std::int64_t space = -recognition::fingerprint(general);
   EXPECT_THAT(gallery.without_template(space), IsEmpty());
   const std::vector<float> first = gallery.template_of(gallery.face_refs().front().id, space);
-  const auto model = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  const auto model =
+      load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
   ASSERT_TRUE(model);
   EXPECT_EQ(model->recognizer.options.algorithm, recognition::Algorithm::kDeep);
   EXPECT_EQ(named(model->recognizer, 1, 5).label, "p1");
@@ -91,10 +92,13 @@ TEST_F(GalleryModelTest, OfDeepTemplatesIsLearnedAgainWhenSomebodyIsEnrolled) {
   gallery.set_algorithm("deep");
   const auto general = deep_background(1);
   enroll(gallery, 1, 1);
-  const auto one = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
-  const auto same = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  const auto one =
+      load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
+  const auto same =
+      load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
   enroll(gallery, 3, 1, 7);
-  const auto four = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  const auto four =
+      load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
   ASSERT_TRUE(one && same && four);
   EXPECT_EQ(same->id, one->id);
   EXPECT_NE(four->id, one->id);
@@ -106,16 +110,17 @@ TEST_F(GalleryModelTest, TemplatesOfAnotherKindAreMadeAgainFromTheCrops) {
   const auto general = background();
   const auto deep = deep_background(1);
   enroll(gallery, 3, 1);
-  const auto classic = gallery_model(gallery, &general, true, progress_, {}, Learn::kNow);
+  const auto classic =
+      gallery_model(gallery, &general, true, progress_, {}, TrainingPolicy::kAlways);
   ASSERT_TRUE(classic);
   gallery.set_algorithm("deep");
-  const auto made = gallery_model(gallery, &deep, true, progress_, {}, Learn::kNow);
+  const auto made = gallery_model(gallery, &deep, true, progress_, {}, TrainingPolicy::kAlways);
   ASSERT_TRUE(made);
   EXPECT_EQ(made->options.algorithm, recognition::Algorithm::kDeep);
   EXPECT_NE(made->template_length(), classic->template_length());
   EXPECT_EQ(named(*made, 2, 5).label, "p2");
   gallery.set_algorithm("default");
-  const auto back = gallery_model(gallery, &general, true, progress_, {}, Learn::kNow);
+  const auto back = gallery_model(gallery, &general, true, progress_, {}, TrainingPolicy::kAlways);
   ASSERT_TRUE(back);
   EXPECT_LT((back->templates - classic->templates).cwiseAbs().maxCoeff(), 1e-6);
 }
@@ -184,10 +189,11 @@ TEST_F(GalleryModelTest, EnrollingAddsToTheModelThatIsThere) {
   Gallery gallery(path("p.db"));
   const auto general = background();
   enroll(gallery, 3, 3);
-  auto model = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  auto model =
+      load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
   const std::int64_t id = gallery.model_id();
   GalleryFollower follower(gallery, &general, std::move(model));
-  TemplateMaker maker(gallery, &general);
+  TemplateExtractor maker(gallery, &general);
   enroll(gallery, 1, 3, 40, &maker);
   EXPECT_EQ(gallery.model_id(), id);
   EXPECT_THAT(gallery.without_template(id), IsEmpty());
@@ -206,7 +212,7 @@ TEST_F(GalleryModelTest, WhoIsForgottenElsewhereIsNamedNoMore) {
   enroll(gallery, 3, 3);
   GalleryFollower follower(
       gallery, &general,
-      load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {}));
+      load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {}));
   ASSERT_TRUE(named(*follower.recognizer(), 1).known);
   Gallery other(path("p.db"));
   ASSERT_TRUE(other.forget("p1", {}));
@@ -234,7 +240,8 @@ TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
   const std::int64_t space = -recognition::fingerprint(general);
   const int people = (kMaxSmallGalleryFaces + 1) / 3 + 1;
   enroll(gallery, people, 3);
-  auto model = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  auto model =
+      load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
   ASSERT_TRUE(model);
   EXPECT_EQ(model->space, space);
   EXPECT_EQ(model->recognizer.labels.size(), static_cast<std::size_t>(people));
@@ -243,26 +250,27 @@ TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
   EXPECT_FALSE(named(model->recognizer, 5000).known);
   const std::int64_t id = gallery.model_id();
   // Enrolling one more person learns nothing and computes one template.
-  TemplateMaker maker(gallery, &general);
+  TemplateExtractor maker(gallery, &general);
   enroll(gallery, 1, 3, 3000, &maker);
   EXPECT_THAT(gallery.without_template(space), IsEmpty());
   GalleryFollower follower(gallery, &general, std::move(model));
   EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
   EXPECT_EQ(named(*follower.recognizer(), 3000).label, "p3000");
-  const auto again = load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+  const auto again =
+      load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
   EXPECT_EQ(gallery.model_id(), id);
   EXPECT_EQ(again->recognizer.templates, follower.recognizer()->templates);
   // Forgetting a person removes what was learned from that person, and no coordinates of others.
-  ASSERT_TRUE(gallery.forget("p7", {})->unlearned);
+  ASSERT_TRUE(gallery.forget("p7", {})->model_removed);
   EXPECT_EQ(gallery.model_id(), 0);
   EXPECT_THAT(gallery.without_template(space), IsEmpty());
   EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
   EXPECT_NE(named(*follower.recognizer(), 7).label, "p7");
   const auto relearned =
-      load_gallery_model(gallery, &general, true, Learn::kWhenDue, progress_, {});
+      load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
   EXPECT_EQ(relearned->recognizer.labels.size(), static_cast<std::size_t>(people));
   // On request, it is learned again.
-  (void)load_gallery_model(gallery, &general, true, Learn::kNow, progress_, {});
+  (void)load_gallery_model(gallery, &general, true, TrainingPolicy::kAlways, progress_, {});
   EXPECT_NE(gallery.model_id(), id);
 }
 
@@ -273,7 +281,7 @@ TEST_F(GalleryModelTest, LearningIsStoppedBetweenAnyTwoSteps) {
   std::stop_source stop;
   stop.request_stop();
   for (int after = 0;; ++after) {
-    GalleryTraining training(gallery, &general, false, Learn::kNow);
+    GalleryTraining training(gallery, &general, false, TrainingPolicy::kAlways);
     bool more = true;
     for (int i = 0; i < after && more; ++i) more = training.step(progress_, {});
     if (!more) {
@@ -320,9 +328,9 @@ TEST_F(GalleryModelTest, OnePersonUnderTwoNamesIsNoticed) {
   enroll(gallery, 2, 4);
   const auto model = gallery_model(gallery, &general, true, progress_, {});
   const auto again = synthetic_faces(1, 3, 0.2, 123, 1, {128, 160}).faces;
-  EXPECT_THAT(other_names(*model, again, "Somebody"), ElementsAre("p1"));
-  EXPECT_THAT(other_names(*model, again, "p1"), IsEmpty());
-  EXPECT_THAT(other_names(*model, synthetic_faces(1, 3, 0.2, 123, 700, {128, 160}).faces, "x"),
+  EXPECT_THAT(duplicate_names(*model, again, "Somebody"), ElementsAre("p1"));
+  EXPECT_THAT(duplicate_names(*model, again, "p1"), IsEmpty());
+  EXPECT_THAT(duplicate_names(*model, synthetic_faces(1, 3, 0.2, 123, 700, {128, 160}).faces, "x"),
               IsEmpty());
 }
 

@@ -42,7 +42,7 @@ Eigen::Matrix2Xd points(double nose_x, double nose_y) {
 
 TEST(QualityTest, AGoodFaceHasNoProblems) {
   const Quality q = measure_quality(pattern(), kEyes, points(85, 60 + 0.67 * 50));
-  EXPECT_THAT(problems(q, {}), IsEmpty());
+  EXPECT_THAT(quality_problems(q, {}), IsEmpty());
   EXPECT_NEAR(q.turn, 0, 1e-9);
   EXPECT_NEAR(q.tilt, 0, 1e-9);
   EXPECT_GT(q.score(), 0.5);
@@ -52,7 +52,7 @@ TEST(QualityTest, EachFlawIsNamed) {
   const QualityGate gate;
   const auto p = points(85, 93.5);
   const auto named = [&](const cv::Mat& crop, const Eyes& eyes, const Eigen::Matrix2Xd& at) {
-    return problems(measure_quality(crop, eyes, at), gate);
+    return quality_problems(measure_quality(crop, eyes, at), gate);
   };
   EXPECT_THAT(named(pattern(), {{60, 60}, {70, 60}}, {}), Contains("too small"));
   cv::Mat blurred;

@@ -69,11 +69,11 @@ Seen seen_people(int people, int images, double noise, std::uint64_t seed) {
 // The final group of each sighting.
 class Log {
  public:
-  void note(std::size_t sighting, const Placement& placement) {
-    for (const auto& [from, into] : placement.merged)
+  void note(std::size_t sighting, const GroupAssignment& assignment) {
+    for (const auto& [from, into] : assignment.merged)
       for (auto& [other, group] : of)
         if (group == from) group = into;
-    of[sighting] = placement.group;
+    of[sighting] = assignment.group;
   }
   std::map<std::size_t, std::int64_t> of;
 };
@@ -147,16 +147,16 @@ TEST(SightingGroups, KeepsIdsAndGroupsApart) {
   SightingGroups corrected(pairs(), {});
   corrected.restore(1, seen.faces[0], 1);
   corrected.restore(2, seen.faces[2], 1);
-  corrected.keep_apart(1, 2);
+  corrected.add_cannot_link(1, 2);
   EXPECT_GE(corrected.score(1, 2), corrected.threshold());
-  const Placement placement = corrected.add(seen.faces[4], 1);
-  EXPECT_TRUE(placement.merged.empty());
+  const GroupAssignment assignment = corrected.add(seen.faces[4], 1);
+  EXPECT_TRUE(assignment.merged.empty());
   EXPECT_EQ(corrected.size(), 2U);
   // Without that correction, the sighting shows that both groups are one person.
   SightingGroups free(pairs(), {});
   free.restore(4, seen.faces[0], 1);
   free.restore(9, seen.faces[2], 1);
-  const Placement joined = free.add(seen.faces[4], 1);
+  const GroupAssignment joined = free.add(seen.faces[4], 1);
   EXPECT_EQ(joined.group, 4);
   ASSERT_EQ(joined.merged.size(), 1U);
   EXPECT_EQ(joined.merged.front(), std::pair(std::int64_t{9}, std::int64_t{4}));
@@ -209,10 +209,10 @@ TEST(SightingGroups, TheMostAlikeGroupIsTheOneThatAddTakes) {
     const std::int64_t alike = groups.nearest_group(seen.faces[i], 0.8);
     const std::size_t before = groups.size();
     SightingGroups copy = groups;
-    const Placement placement = groups.add(seen.faces[i], 0.8);
-    EXPECT_EQ(alike == 0, placement.is_new) << i;
-    if (alike != 0 && placement.merged.empty()) {
-      EXPECT_EQ(alike, placement.group) << i;
+    const GroupAssignment assignment = groups.add(seen.faces[i], 0.8);
+    EXPECT_EQ(alike == 0, assignment.is_new) << i;
+    if (alike != 0 && assignment.merged.empty()) {
+      EXPECT_EQ(alike, assignment.group) << i;
       ++asked;
     }
     EXPECT_EQ(copy.size(), before);

@@ -203,13 +203,14 @@ people::Gallery open_gallery(const std::string& path) {
   }
 }
 
-std::optional<people::GalleryModel> learn_gallery(people::Gallery& gallery,
+std::optional<people::GalleryModel> train_gallery(people::Gallery& gallery,
                                                   const recognition::Background* background,
-                                                  people::Learn learn, Progress& progress,
+                                                  people::TrainingPolicy policy, Progress& progress,
                                                   const std::stop_token& stop,
-                                                  people::Searching searching) {
+                                                  people::SearchMode search_mode) {
   const auto load = [&](bool store) {
-    return people::load_gallery_model(gallery, background, store, learn, progress, stop, searching);
+    return people::load_gallery_model(gallery, background, store, policy, progress, stop,
+                                      search_mode);
   };
   try {
     try {
@@ -316,8 +317,8 @@ people::Recognition IdentifierState::recognize(const std::vector<float>& feature
   return people::recognize(*model_, features, false_accepts);
 }
 
-bool IdentifierState::knows(const std::string& name) const {
-  if (follower_ != nullptr) return follower_->knows(name);
+bool IdentifierState::is_enrolled(const std::string& name) const {
+  if (follower_ != nullptr) return follower_->is_enrolled(name);
   return model_ != nullptr &&
          std::find(model_->labels.begin(), model_->labels.end(), name) != model_->labels.end();
 }
@@ -330,7 +331,7 @@ const recognition::Background* IdentifierState::background() const {
   return follower_ != nullptr ? follower_->background() : nullptr;
 }
 
-bool IdentifierState::follow() {
+bool IdentifierState::update() {
   if (follower_ == nullptr) return false;
   const people::GalleryFollower::Change change = follower_->update();
   // Pooled templates may be of another space. And a correction holds from this frame on.
@@ -393,14 +394,14 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
   const recognition::Background* background = opened->background ? &*opened->background : nullptr;
   std::optional<people::GalleryModel> model;
   try {
-    model = learn_gallery(opened->gallery, background, people::Learn::kWhenDue, progress, stop,
-                          people::Searching::kByIndex);
+    model = train_gallery(opened->gallery, background, people::TrainingPolicy::kIfNeeded, progress,
+                          stop, people::SearchMode::kIndexed);
   } catch (const InputError& error) {
     if (!options_.enroll) throw;
     log_warning("{}", error.what());  // e.g. Fisherfaces with one person
   }
   opened->follower.emplace(opened->gallery, background, std::move(model),
-                           people::Searching::kByIndex);
+                           people::SearchMode::kIndexed);
   IdentifierState state(reader_->make_reader(), *opened->follower);
   state.gallery_ = std::move(opened);
   return state;
@@ -408,7 +409,7 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
 
 IdentifierResult Identifier::process(const Frame& frame, IdentifierState& state,
                                      DebugSink* debug) const {
-  static_cast<void>(state.follow());
+  static_cast<void>(state.update());
   const auto start = std::chrono::steady_clock::now();
   IdentifierResult result;
   result.faces = find(frame, state, debug);
@@ -423,7 +424,7 @@ std::vector<NamedFace> Identifier::find(const Frame& frame, IdentifierState& sta
   const std::string source = source_of(frame);
   if (frame.still || source != state.source_) {
     state.pool_.clear();
-    state.reader_.restart();
+    state.reader_.reset();
   }
   state.source_ = source;
   const cv::Mat& gray = gray_of(frame.image, state.gray_);
@@ -435,7 +436,7 @@ std::vector<NamedFace> Identifier::find(const Frame& frame, IdentifierState& sta
     faces.push_back(std::move(whole));
   } else {
     for (people::Face& face : frame.still ? state.reader_.read(gray, debug)
-                                          : state.reader_.follow(gray, frame.time, debug))
+                                          : state.reader_.track(gray, frame.time, debug))
       faces.push_back({std::move(face), {}});
   }
   return faces;

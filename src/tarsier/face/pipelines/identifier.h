@@ -99,10 +99,10 @@ void choose_deep_templates(people::Gallery& gallery, const SharedNetwork& own);
 // The model of a gallery; pending learning is done. A read-only gallery is used as it is. Returns
 // nothing for an empty gallery. `background` may be null. Throws InputError if its recogniser
 // cannot be trained on this gallery, Interrupted.
-[[nodiscard]] std::optional<people::GalleryModel> learn_gallery(
-    people::Gallery& gallery, const recognition::Background* background, people::Learn learn,
-    Progress& progress, const std::stop_token& stop,
-    people::Searching searching = people::Searching::kAll);
+[[nodiscard]] std::optional<people::GalleryModel> train_gallery(
+    people::Gallery& gallery, const recognition::Background* background,
+    people::TrainingPolicy policy, Progress& progress, const std::stop_token& stop,
+    people::SearchMode search_mode = people::SearchMode::kExhaustive);
 
 // --- names ---
 
@@ -194,7 +194,7 @@ class IdentifierState {
   [[nodiscard]] people::Recognition recognize(const std::vector<float>& features,
                                               double false_accepts);
   // Whether a person of this name is enrolled.
-  [[nodiscard]] bool knows(const std::string& name) const;
+  [[nodiscard]] bool is_enrolled(const std::string& name) const;
   // Null if the people come from a recogniser.
   [[nodiscard]] people::Gallery* gallery() const;
   // May be null, see background_for().
@@ -202,9 +202,9 @@ class IdentifierState {
   // The reader that finds the faces.
   [[nodiscard]] const people::FaceReader& reader() const { return reader_; }
   // Checks whether another program changed the gallery. Processing a frame does this too.
-  bool follow();
+  bool update();
   // Drops the pooled templates of earlier frames, e.g. after a correction.
-  void forget_frames() { pool_.clear(); }
+  void clear_pooled_templates() { pool_.clear(); }
   // Replaces the gallery's model by one learned meanwhile; empty if nobody is enrolled any more.
   // Throws std::invalid_argument for a state without a gallery.
   void replace(std::optional<people::GalleryModel> model);
@@ -283,7 +283,7 @@ class Enroller {
 
  private:
   people::Gallery* gallery_;
-  people::TemplateMaker templates_;
+  people::TemplateExtractor templates_;
 };
 
 }  // namespace tarsier::face

@@ -54,7 +54,8 @@ TEST_F(Names, OfCutFacesFollowTheGallery) {
   people::Gallery gallery(path("people.db"));
   NoProgress quiet;
   people::GalleryFollower follower(
-      gallery, nullptr, learn_gallery(gallery, nullptr, people::Learn::kWhenDue, quiet, {}));
+      gallery, nullptr,
+      train_gallery(gallery, nullptr, people::TrainingPolicy::kIfNeeded, quiet, {}));
   const Identifier identifier({}, true);
   IdentifierState state(no_reader(), follower);
   const IdentifierResult first = identifier.process(frame_of(set_.faces[0], 0, true), state);
@@ -66,7 +67,7 @@ TEST_F(Names, OfCutFacesFollowTheGallery) {
   ASSERT_TRUE(other.forget("p0", {}));
   EXPECT_NE(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].name.label, "p0");
   ASSERT_TRUE(other.forget_all({}));
-  EXPECT_TRUE(state.follow());
+  EXPECT_TRUE(state.update());
   EXPECT_EQ(state.recognizer(), nullptr);
   EXPECT_EQ(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].name.label, "");
 }
@@ -74,7 +75,7 @@ TEST_F(Names, OfCutFacesFollowTheGallery) {
 TEST_F(Names, OfTrackedFacesPoolTheirLastFrames) {
   people::Gallery gallery(path("people.db"));
   NoProgress quiet;
-  const auto model = learn_gallery(gallery, nullptr, people::Learn::kWhenDue, quiet, {});
+  const auto model = train_gallery(gallery, nullptr, people::TrainingPolicy::kIfNeeded, quiet, {});
   ASSERT_TRUE(model);
   NamingOptions options;
   options.max_pooled = 2;
@@ -109,7 +110,7 @@ TEST_F(Names, AreFoundAndNamedInTwoSteps) {
   identifier.name(faces, state);
   EXPECT_EQ(faces[0].name.label, "") << "nothing is learned yet";
   NoProgress quiet;
-  state.replace(learn_gallery(gallery, nullptr, people::Learn::kWhenDue, quiet, {}));
+  state.replace(train_gallery(gallery, nullptr, people::TrainingPolicy::kIfNeeded, quiet, {}));
   identifier.name(faces, state);
   EXPECT_EQ(faces[0].name.label, "p0");
   EXPECT_EQ(identifier.process(frame, state).faces[0].name.score, faces[0].name.score);

@@ -347,8 +347,8 @@ struct Training::Impl {
   void number_people(const std::vector<std::string>& names) {
     std::map<std::string, int> index;
     for (const auto& name : names) {
-      const auto [entry, fresh] = index.try_emplace(name, static_cast<int>(index.size()));
-      if (fresh) labels.push_back(name);
+      const auto [entry, inserted] = index.try_emplace(name, static_cast<int>(index.size()));
+      if (inserted) labels.push_back(name);
       people.push_back(entry->second);
     }
   }
@@ -611,9 +611,9 @@ Training::Training(std::vector<cv::Mat> faces, std::vector<std::string> labels,
   // The people of the training faces, numbered in order of appearance.
   std::map<int, int> renamed;
   for (const std::size_t i : impl_->training_faces) {
-    const auto [entry, fresh] =
+    const auto [entry, inserted] =
         renamed.try_emplace(impl_->people[i], static_cast<int>(renamed.size()));
-    if (fresh) model.labels.push_back(impl_->labels[static_cast<std::size_t>(impl_->people[i])]);
+    if (inserted) model.labels.push_back(impl_->labels[static_cast<std::size_t>(impl_->people[i])]);
     model.people.push_back(entry->second);
   }
   impl_->faces = std::move(faces);
