@@ -93,7 +93,7 @@ std::vector<OptionsCase> face_options() {
       options_case<face::people::GroupingOptions>("face::people::GroupingOptions"),
       options_case<face::people::QualityGate>("face::people::QualityGate"),
       options_case<face::AnnotatorOptions>("face::AnnotatorOptions"),
-      options_case<face::NamingOptions>("face::NamingOptions"),
+      options_case<face::IdentificationOptions>("face::IdentificationOptions"),
       options_case<face::recognition::BackgroundOptions>("face::recognition::BackgroundOptions"),
       options_case<face::recognition::CellIndexOptions>("face::recognition::CellIndexOptions"),
       options_case<face::recognition::EvaluationOptions>("face::recognition::EvaluationOptions"),

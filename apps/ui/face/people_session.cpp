@@ -91,14 +91,14 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   timer_.start();
   faces_ = identifier_.find(frame, identity_, watched(debug_sink_));
   std::stable_sort(faces_.begin(), faces_.end(),
-                   [](const face::NamedFace& a, const face::NamedFace& b) {
+                   [](const face::IdentifiedFace& a, const face::IdentifiedFace& b) {
                      return a.face.box.area() > b.face.box.area();
                    });
   if (mode_ == PeopleMode::kCollect && !faces_.empty() &&
       collector_.offer(faces_.front().face, frame.time, !frame.still).empty()) {
     collect();
   }
-  if (mode_ == PeopleMode::kRecognize) identifier_.name(faces_, identity_);
+  if (mode_ == PeopleMode::kRecognize) identifier_.identify(faces_, identity_);
   find_groups();
   timer_.stop();
   place_more();
@@ -229,22 +229,23 @@ void PeopleSession::act(const std::string& name) {
 
 // The largest named face, or the one that would be named, is not that person.
 void PeopleSession::not_this_person() {
-  if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().name.label.empty()) {
+  if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().identity.label.empty()) {
     message_ = "nobody is named: there is nothing to correct";
     return;
   }
-  face::NamedFace& face = faces_.front();
+  face::IdentifiedFace& face = faces_.front();
   const face::people::SightingFace seen{face.face.crop, face.face.quality.score(),
                                         face::people::quality_json(face.face.quality).dump()};
   try {
-    corrections_.push_back(gallery_.not_this_person(face.name.label, seen, source_name_, stamp()));
-    message_ = fmt::format("Not {}: noted (u takes it back)", printable(face.name.label));
+    corrections_.push_back(
+        gallery_.not_this_person(face.identity.label, seen, source_name_, stamp()));
+    message_ = fmt::format("Not {}: noted (u takes it back)", printable(face.identity.label));
   } catch (const InputError& error) {  // forgotten meanwhile
     message_ = error.what();
   }
   follow();
   identity_.clear_pooled_templates();
-  face.name = {};
+  face.identity = {};
 }
 
 void PeopleSession::undo() {

@@ -81,11 +81,11 @@ void PeopleSession::find_groups() {
   }
   const bool names = mode_ == PeopleMode::kRecognize || mode_ == PeopleMode::kDetect;
   for (std::size_t i = 0; i < faces_.size(); ++i) {
-    const face::NamedFace& face = faces_[i];
+    const face::IdentifiedFace& face = faces_[i];
     Followed one;
     if (const auto old = followed_.find(face.face.id); face.face.id > 0 && old != followed_.end())
       one = old->second;
-    if (names && !face.name.known && has_groups) {
+    if (names && !face.identity.known && has_groups) {
       if (one.looked == 0) {
         one.group = 0;
         if (one.sighting > 0)

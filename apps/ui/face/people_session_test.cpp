@@ -399,7 +399,7 @@ TEST_F(PeopleSessionTest, WhoIsForgottenByAnotherProgramIsNamedNoMore) {
     Frame shown = frame({}, 0);
     cv::cvtColor(set.faces[face], shown.image, cv::COLOR_GRAY2BGR);
     (void)session.on_frame(shown, live_);
-    return session.faces().at(0).name;
+    return session.faces().at(0).identity;
   };
   EXPECT_EQ(see(0).label, "p0");
   EXPECT_TRUE(see(0).known);
@@ -410,7 +410,7 @@ TEST_F(PeopleSessionTest, WhoIsForgottenByAnotherProgramIsNamedNoMore) {
   // Also while the source stalls and its last frame is shown.
   ASSERT_TRUE(other.forget("p1", {}));
   (void)session.on_idle(live_);
-  EXPECT_EQ(session.faces().at(0).name.label, "");
+  EXPECT_EQ(session.faces().at(0).identity.label, "");
   ASSERT_TRUE(other.forget_all({}));
   EXPECT_EQ(see(8).label, "");
 }

@@ -139,8 +139,8 @@ face::recognition::Background find_deep_background(const PeopleFlags& flags) {
 
 std::optional<face::recognition::Background> background_to_enroll(face::people::Gallery& gallery,
                                                                   const PeopleFlags& flags) {
-  face::settle_templates(gallery, template_kind(flags), ModelStore::find(), true,
-                         own_network(flags));
+  face::resolve_template_kind(gallery, template_kind(flags), ModelStore::find(), true,
+                              own_network(flags));
   if (face::has_deep_templates(gallery)) return find_deep_background(flags);
   return find_background(flags);
 }
@@ -156,8 +156,8 @@ std::optional<face::recognition::Recognizer> model_of_gallery(face::people::Gall
                                                               const PeopleFlags& flags,
                                                               Context& context,
                                                               face::people::TrainingPolicy policy) {
-  face::settle_templates(gallery, template_kind(flags), ModelStore::find(), false,
-                         own_network(flags));
+  face::resolve_template_kind(gallery, template_kind(flags), ModelStore::find(), false,
+                              own_network(flags));
   const auto background =
       policy == face::people::TrainingPolicy::kAlways && !face::has_deep_templates(gallery)
           ? find_background(flags)

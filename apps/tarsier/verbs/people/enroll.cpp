@@ -89,7 +89,7 @@ class Enrolment {
       source_name_ = frame.name;
       if (!frame.still) collector_.reset();
     }
-    const std::vector<face::NamedFace> faces = identifier_.find(frame, faces_);
+    const std::vector<face::IdentifiedFace> faces = identifier_.find(frame, faces_);
     std::string reason;
     if (faces.empty()) {
       reason = faces_.reader().without_eyes() > 0 ? "eyes not found" : "no face";
@@ -137,7 +137,7 @@ class Enrolment {
 
   const EnrollFlags& flags_;
   Context& context_;
-  const face::Identifier identifier_{face::NamingOptions()};  // only finds faces
+  const face::Identifier identifier_{face::IdentificationOptions()};  // only finds faces
   face::IdentifierState faces_;
   face::people::Collector collector_;
   face::people::Gallery gallery_;

@@ -27,8 +27,8 @@ struct GroupFlags {
 // The background that defines the comparison of this gallery's faces, enrolled or not.
 face::recognition::Background directions_of(face::people::Gallery& gallery,
                                             const PeopleFlags& flags) {
-  face::settle_templates(gallery, template_kind(flags), ModelStore::find(), true,
-                         own_network(flags));
+  face::resolve_template_kind(gallery, template_kind(flags), ModelStore::find(), true,
+                              own_network(flags));
   if (face::has_deep_templates(gallery)) return find_deep_background(flags);
   auto background = find_background(flags);
   if (!background || background->basis.rows() == 0)

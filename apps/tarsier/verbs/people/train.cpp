@@ -164,7 +164,7 @@ ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
     const face::SharedNetwork own = own_network(flags.people);
     static_cast<void>(face::load_deep_network(ModelStore::find(), own));
     if (own) static_cast<void>(find_deep_background(flags.people));
-    face::choose_deep_templates(gallery, own);
+    face::use_deep_templates(gallery, own);
   } else if (template_kind(flags.people) == face::TemplateKind::kClassic &&
              face::has_deep_templates(gallery)) {
     gallery.set_algorithm("default");

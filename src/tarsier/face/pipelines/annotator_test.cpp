@@ -118,7 +118,7 @@ TEST_F(AnnotatorTest, TheSameQuestionsGetTheSameAnswers) {
   const auto second = b.propose({one.gray, set, 0});
   ASSERT_TRUE(first && second);
   EXPECT_EQ(first->points, second->points);
-  EXPECT_TRUE(first->learned);
+  EXPECT_TRUE(first->from_model);
   EXPECT_EQ(first->points, a.propose({one.gray, set, 0})->points) << "again";
 }
 
@@ -137,7 +137,7 @@ TEST_F(AnnotatorTest, OneDoneImageIsFollowedIntoTheNextFrame) {
     EXPECT_NEAR(proposal->points(0, i), 1.02 * x - 0.02 * y + 3.5, 0.5) << i;
     EXPECT_NEAR(proposal->points(1, i), 0.02 * x + 1.02 * y - 6.25, 0.5) << i;
   }
-  EXPECT_FALSE(proposal->learned);
+  EXPECT_FALSE(proposal->from_model);
   const nlohmann::ordered_json json = to_json(*proposal);
   ASSERT_EQ(json["points"].size(), 6U);
   EXPECT_NEAR(json["points"][3][0].get<double>(), proposal->points(0, 3), 0.005);

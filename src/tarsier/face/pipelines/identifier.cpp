@@ -123,13 +123,13 @@ void attach_network(recognition::Recognizer& model, SharedNetwork network,
   model.network = std::move(network);
 }
 
-void choose_deep_templates(people::Gallery& gallery, const SharedNetwork& own) {
+void use_deep_templates(people::Gallery& gallery, const SharedNetwork& own) {
   gallery.set_algorithm(kDeepAlgorithm);
   gallery.set_network(identity_of(own));
 }
 
-void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelStore& models,
-                      bool choose, const SharedNetwork& own) {
+void resolve_template_kind(people::Gallery& gallery, TemplateKind kind, const ModelStore& models,
+                           bool set_kind, const SharedNetwork& own) {
   const bool deep = has_deep_templates(gallery);
   if (gallery.face_count_up_to(1) > 0) {
     const std::string network = deep ? gallery.network() : std::string();
@@ -155,9 +155,9 @@ void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelSt
                           "its templates are deep, and one gallery keeps one kind");
     return;
   }
-  if (!choose) return;
+  if (!set_kind) return;
   if (own || kind == TemplateKind::kDeep) {
-    choose_deep_templates(gallery, own);
+    use_deep_templates(gallery, own);
     return;
   }
   gallery.set_network("");
@@ -226,33 +226,35 @@ std::optional<people::GalleryModel> train_gallery(people::Gallery& gallery,
   }
 }
 
-nlohmann::ordered_json to_json(const NamedFace& face) {
+nlohmann::ordered_json to_json(const IdentifiedFace& face) {
   const cv::Rect2d& box = face.face.box;
   nlohmann::ordered_json object = {
       {"box",
        {std::lround(box.x), std::lround(box.y), std::lround(box.width), std::lround(box.height)}},
-      {"label", face.name.label.empty() ? nlohmann::ordered_json()
-                                        : nlohmann::ordered_json(face.name.label)},
-      {"confidence", std::round(face.name.confidence * 1e4) / 1e4},
-      {"known", face.name.known},
+      {"label", face.identity.label.empty() ? nlohmann::ordered_json()
+                                            : nlohmann::ordered_json(face.identity.label)},
+      {"confidence", std::round(face.identity.confidence * 1e4) / 1e4},
+      {"known", face.identity.known},
       {"trusted", face.face.trusted}};
   if (face.face.id > 0) object["id"] = face.face.id;
   return object;
 }
 
-void name_faces(const recognition::Recognizer* model, bool cropped, const NamingOptions& options,
-                std::vector<NamedFace>& faces, PooledTemplates& pool) {
-  const NameOfTemplate name = [&](const std::vector<float>& features, double false_accepts) {
+void identify_faces(const recognition::Recognizer* model, bool cropped,
+                    const IdentificationOptions& options, std::vector<IdentifiedFace>& faces,
+                    PooledTemplates& pool) {
+  const IdentifyTemplate identify_template = [&](const std::vector<float>& features,
+                                                 double false_accepts) {
     return people::recognize(*model, features, false_accepts);
   };
-  name_faces(model, name, cropped, options, faces, pool);
+  identify_faces(model, identify_template, cropped, options, faces, pool);
 }
 
-void name_faces(const recognition::Recognizer* model, const NameOfTemplate& name, bool cropped,
-                const NamingOptions& options, std::vector<NamedFace>& faces,
-                PooledTemplates& pool) {
+void identify_faces(const recognition::Recognizer* model, const IdentifyTemplate& identify_template,
+                    bool cropped, const IdentificationOptions& options,
+                    std::vector<IdentifiedFace>& faces, PooledTemplates& pool) {
   std::set<int> seen;
-  for (NamedFace& face : faces) {
+  for (IdentifiedFace& face : faces) {
     const bool tracked = face.face.id > 0;
     if (tracked) seen.insert(face.face.id);
     if (model == nullptr) continue;
@@ -266,7 +268,8 @@ void name_faces(const recognition::Recognizer* model, const NameOfTemplate& name
         latest.erase(latest.begin());
       features = recognition::pooled(*model, latest);
     }
-    face.name = name(features, (tracked ? kTrackedShare : 1) * options.false_accepts);
+    face.identity = identify_template(
+        features, (tracked ? kTrackedFalseAcceptShare : 1) * options.false_accepts);
   }
   std::erase_if(pool, [&](const auto& track) { return !seen.contains(track.first); });
 }
@@ -280,12 +283,12 @@ void IdentifierOptions::check() const {
   TARSIER_REQUIRE(!network || templates != TemplateKind::kClassic,
                   "a network goes with deep templates");
   reading.check();
-  naming.check();
+  identification.check();
 }
 
 nlohmann::ordered_json to_json(const IdentifierResult& result) {
   nlohmann::ordered_json faces = nlohmann::ordered_json::array();
-  for (const NamedFace& face : result.faces) faces.push_back(to_json(face));
+  for (const IdentifiedFace& face : result.faces) faces.push_back(to_json(face));
   return {{"faces", std::move(faces)}, {"ms", std::round(result.ms * 100) / 100}};
 }
 
@@ -345,14 +348,14 @@ void IdentifierState::replace(std::optional<people::GalleryModel> model) {
   pool_.clear();
 }
 
-Identifier::Identifier(const NamingOptions& naming, bool cropped)
-    : naming_(naming), cropped_(cropped) {
-  naming_.check();
+Identifier::Identifier(const IdentificationOptions& options, bool cropped)
+    : identification_(options), cropped_(cropped) {
+  identification_.check();
 }
 
 Identifier Identifier::load(const ModelStore& models, const IdentifierOptions& options) {
   options.check();
-  Identifier identifier(options.naming, options.cropped);
+  Identifier identifier(options.identification, options.cropped);
   identifier.models_ = models;
   identifier.options_ = options;
   // A wrong path is reported before anything is written, even if the file is needed only later.
@@ -384,8 +387,8 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
   if (options_.algorithm)
     opened->gallery.set_algorithm(recognition::name_of(*options_.algorithm));
   else
-    settle_templates(opened->gallery, options_.templates, models_, options_.enroll,
-                     options_.network);
+    resolve_template_kind(opened->gallery, options_.templates, models_, options_.enroll,
+                          options_.network);
   opened->background = options_.enroll && has_deep_templates(opened->gallery)
                            ? load_deep_background(models_, options_.background, options_.network)
                        : options_.enroll ? load_background(models_, options_.background)
@@ -413,14 +416,14 @@ IdentifierResult Identifier::process(const Frame& frame, IdentifierState& state,
   const auto start = std::chrono::steady_clock::now();
   IdentifierResult result;
   result.faces = find(frame, state, debug);
-  name(result.faces, state);
+  identify(result.faces, state);
   const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - start;
   result.ms = spent.count();
   return result;
 }
 
-std::vector<NamedFace> Identifier::find(const Frame& frame, IdentifierState& state,
-                                        DebugSink* debug) const {
+std::vector<IdentifiedFace> Identifier::find(const Frame& frame, IdentifierState& state,
+                                             DebugSink* debug) const {
   const std::string source = source_of(frame);
   if (frame.still || source != state.source_) {
     state.pool_.clear();
@@ -428,9 +431,9 @@ std::vector<NamedFace> Identifier::find(const Frame& frame, IdentifierState& sta
   }
   state.source_ = source;
   const cv::Mat& gray = gray_of(frame.image, state.gray_);
-  std::vector<NamedFace> faces;
+  std::vector<IdentifiedFace> faces;
   if (cropped_) {
-    NamedFace whole;
+    IdentifiedFace whole;
     whole.face.crop = gray;
     whole.face.box = {0, 0, static_cast<double>(gray.cols), static_cast<double>(gray.rows)};
     faces.push_back(std::move(whole));
@@ -442,11 +445,13 @@ std::vector<NamedFace> Identifier::find(const Frame& frame, IdentifierState& sta
   return faces;
 }
 
-void Identifier::name(std::vector<NamedFace>& faces, IdentifierState& state) const {
-  const NameOfTemplate name = [&](const std::vector<float>& features, double false_accepts) {
+void Identifier::identify(std::vector<IdentifiedFace>& faces, IdentifierState& state) const {
+  const IdentifyTemplate identify_template = [&](const std::vector<float>& features,
+                                                 double false_accepts) {
     return state.recognize(features, false_accepts);
   };
-  name_faces(state.recognizer(), name, cropped_, naming_, faces, state.pool_);
+  identify_faces(state.recognizer(), identify_template, cropped_, identification_, faces,
+                 state.pool_);
 }
 
 void Enroller::enroll(const std::string& name, const std::string& note, const people::Face& face,

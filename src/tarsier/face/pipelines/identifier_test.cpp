@@ -60,16 +60,18 @@ TEST_F(Names, OfCutFacesFollowTheGallery) {
   IdentifierState state(no_reader(), follower);
   const IdentifierResult first = identifier.process(frame_of(set_.faces[0], 0, true), state);
   ASSERT_EQ(first.faces.size(), 1U);
-  EXPECT_EQ(first.faces[0].name.label, "p0");
-  EXPECT_TRUE(first.faces[0].name.known);
+  EXPECT_EQ(first.faces[0].identity.label, "p0");
+  EXPECT_TRUE(first.faces[0].identity.known);
   EXPECT_EQ(state.gallery(), &gallery);
   people::Gallery other(path("people.db"));
   ASSERT_TRUE(other.forget("p0", {}));
-  EXPECT_NE(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].name.label, "p0");
+  EXPECT_NE(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].identity.label,
+            "p0");
   ASSERT_TRUE(other.forget_all({}));
   EXPECT_TRUE(state.update());
   EXPECT_EQ(state.recognizer(), nullptr);
-  EXPECT_EQ(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].name.label, "");
+  EXPECT_EQ(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].identity.label,
+            "");
 }
 
 TEST_F(Names, OfTrackedFacesPoolTheirLastFrames) {
@@ -77,25 +79,25 @@ TEST_F(Names, OfTrackedFacesPoolTheirLastFrames) {
   NoProgress quiet;
   const auto model = train_gallery(gallery, nullptr, people::TrainingPolicy::kIfNeeded, quiet, {});
   ASSERT_TRUE(model);
-  NamingOptions options;
+  IdentificationOptions options;
   options.max_pooled = 2;
   PooledTemplates pool;
-  std::vector<NamedFace> faces(2);
+  std::vector<IdentifiedFace> faces(2);
   for (int k = 0; k < 3; ++k) {
     faces[0].face.id = 4;
     faces[0].face.crop = set_.faces[static_cast<std::size_t>(k)];
     faces[1].face.id = 0;  // of a still image: not pooled
     faces[1].face.crop = set_.faces[3];
-    name_faces(&model->recognizer, true, options, faces, pool);
-    EXPECT_EQ(faces[0].name.label, "p0");
-    EXPECT_EQ(faces[1].name.label, "p1");
+    identify_faces(&model->recognizer, true, options, faces, pool);
+    EXPECT_EQ(faces[0].identity.label, "p0");
+    EXPECT_EQ(faces[1].identity.label, "p1");
   }
   ASSERT_EQ(pool.size(), 1U);
   EXPECT_EQ(pool.at(4).size(), 2U);
   // Pooled faces get a share of the false accept rate, so their threshold is stricter.
-  EXPECT_NE(faces[0].name.threshold, faces[1].name.threshold);
+  EXPECT_NE(faces[0].identity.threshold, faces[1].identity.threshold);
   faces.erase(faces.begin());
-  name_faces(&model->recognizer, true, options, faces, pool);
+  identify_faces(&model->recognizer, true, options, faces, pool);
   EXPECT_TRUE(pool.empty());  // the tracked face is gone
 }
 
@@ -105,15 +107,15 @@ TEST_F(Names, AreFoundAndNamedInTwoSteps) {
   const Identifier identifier({}, true);
   IdentifierState state(no_reader(), follower);
   const Frame frame = frame_of(set_.faces[0], 0, true);
-  std::vector<NamedFace> faces = identifier.find(frame, state);
+  std::vector<IdentifiedFace> faces = identifier.find(frame, state);
   ASSERT_EQ(faces.size(), 1U);
-  identifier.name(faces, state);
-  EXPECT_EQ(faces[0].name.label, "") << "nothing is learned yet";
+  identifier.identify(faces, state);
+  EXPECT_EQ(faces[0].identity.label, "") << "nothing is learned yet";
   NoProgress quiet;
   state.replace(train_gallery(gallery, nullptr, people::TrainingPolicy::kIfNeeded, quiet, {}));
-  identifier.name(faces, state);
-  EXPECT_EQ(faces[0].name.label, "p0");
-  EXPECT_EQ(identifier.process(frame, state).faces[0].name.score, faces[0].name.score);
+  identifier.identify(faces, state);
+  EXPECT_EQ(faces[0].identity.label, "p0");
+  EXPECT_EQ(identifier.process(frame, state).faces[0].identity.score, faces[0].identity.score);
   state.replace(std::nullopt);
   EXPECT_EQ(state.recognizer(), nullptr);
   IdentifierState alone(no_reader(), nullptr);
@@ -140,14 +142,14 @@ TEST_F(Names, OfEnrolledFacesAreKnownWithTheirMeasures) {
 }
 
 TEST_F(Names, AreWrittenAsJson) {
-  NamedFace face;
+  IdentifiedFace face;
   face.face.box = {10.4, 20.6, 30, 40};
   IdentifierResult result{{face}, 1.234};
   EXPECT_EQ(
       to_json(result).dump(),
       R"({"faces":[{"box":[10,21,30,40],"label":null,"confidence":0.0,"known":false,"trusted":true}],"ms":1.23})");
   result.faces[0].face.id = 3;
-  result.faces[0].name = {"Ann", 0, 0, 0.98765, true, 0};
+  result.faces[0].identity = {"Ann", 0, 0, 0.98765, true, 0};
   EXPECT_EQ(
       to_json(result.faces[0]).dump(),
       R"({"box":[10,21,30,40],"label":"Ann","confidence":0.9877,"known":true,"trusted":true,"id":3})");
@@ -171,13 +173,13 @@ TEST_F(Names, TheFaceOfAStillIsThatOfThePersonEnrolled) {
   ASSERT_NE(state.gallery(), nullptr);
   const IdentifierResult still = identifier.process(frame_of(image, 0, true), state);
   ASSERT_EQ(still.faces.size(), 1U);
-  EXPECT_EQ(still.faces[0].name.label, "Messi");
-  EXPECT_TRUE(still.faces[0].name.known);
+  EXPECT_EQ(still.faces[0].identity.label, "Messi");
+  EXPECT_TRUE(still.faces[0].identity.known);
   EXPECT_EQ(still.faces[0].face.id, 0);
   const IdentifierResult video = identifier.process(frame_of(image, 0, false), state);
   ASSERT_EQ(video.faces.size(), 1U);
   EXPECT_GT(video.faces[0].face.id, 0);
-  EXPECT_EQ(video.faces[0].name.label, "Messi");
+  EXPECT_EQ(video.faces[0].identity.label, "Messi");
 }
 
 TEST_F(Names, WhatIsMissingIsNamed) {
@@ -219,7 +221,7 @@ TEST_F(Names, TemplatesOfAnotherKindAreRefused) {
   const auto problem_of = [&](people::Gallery& gallery, TemplateKind kind,
                               const SharedNetwork& own) -> std::optional<TemplateProblem> {
     try {
-      settle_templates(gallery, kind, none, false, own);
+      resolve_template_kind(gallery, kind, none, false, own);
     } catch (const TemplateError& error) {
       EXPECT_EQ(error.path(), gallery.path());
       EXPECT_EQ(error.kind(), ErrorKind::kInput);
@@ -239,7 +241,7 @@ TEST_F(Names, TemplatesOfAnotherKindAreRefused) {
   EXPECT_EQ(problem_of(gallery, TemplateKind::kClassic, nullptr), std::nullopt);
   EXPECT_EQ(problem_of(gallery, TemplateKind::kDeep, nullptr), TemplateProblem::kNotDeep);
   EXPECT_EQ(problem_of(gallery, TemplateKind::kAuto, own), TemplateProblem::kOtherNetwork);
-  choose_deep_templates(gallery, own);
+  use_deep_templates(gallery, own);
   EXPECT_EQ(problem_of(gallery, TemplateKind::kAuto, own), std::nullopt);
   EXPECT_EQ(problem_of(gallery, TemplateKind::kAuto, network_named("b.onnx", "fedc")),
             TemplateProblem::kOtherNetwork);
@@ -260,13 +262,13 @@ TEST_F(Names, BadOptionsAreRefused) {
   options.cropped = true;  // but no recognizer
   EXPECT_THROW(options.check(), std::invalid_argument);
   options = {};
-  options.naming.false_accepts = 0;
+  options.identification.false_accepts = 0;
   EXPECT_THROW(options.check(), std::invalid_argument);
   options = {};
   options.algorithm = recognition::Algorithm::kLbph;  // but not to enroll
   EXPECT_THROW(options.check(), std::invalid_argument);
   options = {};
-  options.naming.max_pooled = 0;
+  options.identification.max_pooled = 0;
   EXPECT_THROW(static_cast<void>(Identifier::load(models(), options)), std::invalid_argument);
 }
 

@@ -48,10 +48,10 @@ TEST_F(PoseEvaluationFiles, ImagesOfPointingAreFoundByTheAnglesOfTheirNames) {
 }
 
 TEST_F(PoseEvaluationFiles, ImagesOfTruthAreFoundBesideTheirFile) {
-  EXPECT_EQ(image_of_truth(folder_.path() + "/truth.jsonl", "a/1.png"),
+  EXPECT_EQ(resolve_image_path(folder_.path() + "/truth.jsonl", "a/1.png"),
             folder_.path() + "/a/1.png");
   write("2.png");
-  EXPECT_EQ(image_of_truth("/elsewhere/truth.jsonl", folder_.path() + "/2.png"),
+  EXPECT_EQ(resolve_image_path("/elsewhere/truth.jsonl", folder_.path() + "/2.png"),
             folder_.path() + "/2.png");
 }
 

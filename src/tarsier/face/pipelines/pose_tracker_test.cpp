@@ -94,8 +94,8 @@ TEST_F(Heads, OfAVideoLearnTheirShapeAndForgetItWithTheirPlace) {
   static_cast<void>(tracker.process(frame(0, false, "b/1.png"), state));
   EXPECT_EQ(state.persons.count(9), 0U);  // a person of another video
   static_cast<void>(tracker.process(frame(1, false, "b/2.png"), state));
-  EXPECT_GT(state.persons.at(1).seen, 0);  // images in sequence are one video
-  state.persons.try_emplace(9, PoseTrackerOptions{}).first->second.seen = 1;
+  EXPECT_GT(state.persons.at(1).last_seen_s, 0);  // images in sequence are one video
+  state.persons.try_emplace(9, PoseTrackerOptions{}).first->second.last_seen_s = 1;
   static_cast<void>(tracker.process(frame(2, false, "b/3.png"), state));
   EXPECT_EQ(state.persons.count(9), 1U);
 }

@@ -97,7 +97,7 @@ TEST_F(ViewTrainingTest, LearnsAndIsJudgedOnWhatItHasNotSeen) {
   EXPECT_EQ(alone.exact->truths, kHeads);
   EXPECT_NEAR(alone.exact->mean_deg, kSlip, 1e-3);
   EXPECT_EQ(alone.exact->coverage.yaw.count, kHeads);
-  const ViewTraining::Scores refined = training.score_left_out({});
+  const ViewTraining::Scores refined = training.score_held_out({});
   ASSERT_TRUE(refined.exact);
   EXPECT_LT(refined.exact->mean_deg, 0.6 * kSlip) << "the slip is learnt";
   // The score of the landmarks alone stays the same.
