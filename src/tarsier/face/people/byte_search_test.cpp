@@ -24,14 +24,14 @@ std::vector<std::uint8_t> noise(std::size_t size, std::uint64_t seed) {
   return out;
 }
 
-class SearchTest : public FolderTest {
+class SearchBelowTest : public FolderTest {
  protected:
   void write(const std::string& name, std::vector<std::uint8_t> bytes) const {
     write_file_atomically(path(name), std::span<const std::uint8_t>(bytes));
   }
 };
 
-TEST_F(SearchTest, ThirtyTwoBytesAnywhereAreFound) {
+TEST_F(SearchBelowTest, FindsPieceAtAnyPosition) {
   const auto secret = noise(5000, 1);
   Pieces pieces;
   pieces.add(secret);
@@ -53,7 +53,7 @@ TEST_F(SearchTest, ThirtyTwoBytesAnywhereAreFound) {
   }
 }
 
-TEST(PiecesTest, EachRunAtEachPlaceIsSeen) {
+TEST(PiecesTest, FindsEachPieceAtEachOffset) {
   const auto secret = noise(100, 1);
   Pieces pieces;
   pieces.add(secret);
@@ -71,7 +71,7 @@ TEST(PiecesTest, EachRunAtEachPlaceIsSeen) {
   }
 }
 
-TEST_F(SearchTest, WhatStaysAndWhatSaysNothingIsNoTrace) {
+TEST_F(SearchBelowTest, IgnoresExcludedAndUniformData) {
   auto secret = noise(400, 1);
   const auto common = noise(100, 3);
   secret.insert(secret.end(), common.begin(), common.end());
@@ -95,7 +95,7 @@ TEST_F(SearchTest, WhatStaysAndWhatSaysNothingIsNoTrace) {
   EXPECT_THAT(search_below(pieces, folder_, {}).files_with_pieces, ElementsAre(path("other")));
 }
 
-TEST(PiecesTest, OfWhatOthersHaveAsWellNothingIsProven) {
+TEST(PiecesTest, CountsSourcesWithTooFewPieces) {
   Pieces pieces;
   pieces.add(noise(400, 1));
   pieces.add(noise(400, 2));
@@ -105,7 +105,7 @@ TEST(PiecesTest, OfWhatOthersHaveAsWellNothingIsProven) {
   EXPECT_EQ(pieces.unproven_source_count(), 2U);
 }
 
-TEST(PiecesTest, OfVeryMuchAnEvenChoiceIsLookedFor) {
+TEST(PiecesTest, SamplesPiecesEvenlyAboveTheLimit) {
   Pieces pieces(1'000'000, 2000);
   for (std::uint64_t i = 0; i < 100; ++i) pieces.add(noise(10'000, i));
   EXPECT_GT(pieces.total(), 900'000);
@@ -121,7 +121,7 @@ TEST(PiecesTest, OfVeryMuchAnEvenChoiceIsLookedFor) {
   EXPECT_FALSE(pieces.found_in(noise(1'000'000, 777)));
 }
 
-TEST_F(SearchTest, FoldersBelowAreSearchedLinksAndWhatIsTooMuchAreTold) {
+TEST_F(SearchBelowTest, SearchesSubfoldersAndReportsLinksAndSkippedFolders) {
   Pieces pieces;
   pieces.add(noise(100, 1));
   make_folder(path("sub"));

@@ -19,7 +19,7 @@ Face face(int seed) {
   return out;
 }
 
-TEST(CollectorTest, InVideosFacesMustDifferAndTimePass) {
+TEST(CollectorTest, VideoFacesMustDifferInTimeAndContent) {
   Collector collector;
   EXPECT_EQ(collector.offer(face(1), 0, true), "");
   EXPECT_EQ(collector.offer(face(2), 0.5, true), "too soon");
@@ -31,7 +31,7 @@ TEST(CollectorTest, InVideosFacesMustDifferAndTimePass) {
   EXPECT_EQ(collector.offer(face(2), 1.7, true), "");
 }
 
-TEST(CollectorTest, UncertainFacesAreRefusedUnlessNobodyChecks) {
+TEST(CollectorTest, RejectsUncertainFacesIfQualityIsChecked) {
   Face uncertain = face(1);
   uncertain.trusted = false;
   Collector strict;
@@ -42,13 +42,13 @@ TEST(CollectorTest, UncertainFacesAreRefusedUnlessNobodyChecks) {
   EXPECT_EQ(Collector(any).offer(uncertain, 0, false), "");
 }
 
-TEST(CollectorTest, StillImagesAreEachTaken) {
+TEST(CollectorTest, AcceptsEachStillImage) {
   Collector collector;
   EXPECT_EQ(collector.offer(face(1), 0, false), "");
   EXPECT_EQ(collector.offer(face(1), 0, false), "");
 }
 
-TEST(CollectorTest, BadFacesAreRefusedUnlessNobodyChecks) {
+TEST(CollectorTest, RejectsFacesOfLowQualityIfQualityIsChecked) {
   Face small = face(1);
   small.quality.eye_distance = 5;
   Collector strict;

@@ -16,22 +16,22 @@ namespace {
 
 constexpr const char* kImage = "/usr/share/doc/opencv-doc/examples/data/messi5.jpg";
 
-TEST(EyeMethodTest, NamesAreReadBack) {
+TEST(EyeMethodTest, ParsesItsNames) {
   for (const EyeMethod method : {EyeMethod::kLandmarks, EyeMethod::kCascades, EyeMethod::kSplits})
     EXPECT_EQ(parse_eye_method(name_of(method)), method);
   EXPECT_ANY_THROW((void)parse_eye_method("nose"));
 }
 
-TEST(EyeMethodTest, RegionsAreThoseOfTheDetectors) {
+TEST(EyeMethodTest, RegionsMatchTheCascades) {
   EXPECT_DOUBLE_EQ(eye_region(EyeMethod::kCascades).x, 0.16);
   EXPECT_DOUBLE_EQ(eye_region(EyeMethod::kSplits).height, 0.36);
 }
 
-TEST(FaceReaderTest, ALandmarkModelIsNeededForLandmarks) {
+TEST(FaceReaderTest, RequiresALandmarkModel) {
   EXPECT_THROW(FaceReader({}, nullptr), std::invalid_argument);
 }
 
-TEST(FaceReaderTest, DetectorAndPointsTogetherSayWhetherItIsAFace) {
+TEST(FaceReaderTest, FaceProbabilityCombinesDetectorAndLandmarkScores) {
   // With well-fitted points the detector may be uncertain. For a covered face, a certain detector
   // and half-fitted points are enough. Neither is enough alone.
   EXPECT_GT(face_probability(0.9, 0.7), 0.7);
@@ -46,7 +46,7 @@ TEST(FaceReaderTest, DetectorAndPointsTogetherSayWhetherItIsAFace) {
   }
 }
 
-TEST(FaceReaderTest, AFaceThatIsNotTrustedIsGivenMarkedWhereItIsAskedFor) {
+TEST(FaceReaderTest, ReturnsAnUncertainFaceOnRequest) {
   if (!std::filesystem::exists(kImage)) GTEST_SKIP() << "needs the package opencv-doc";
   const cv::Mat gray = read_gray_image(kImage);
   const auto model = std::make_shared<const landmarks::LandmarkModel>(
@@ -70,14 +70,14 @@ TEST(FaceReaderTest, AFaceThatIsNotTrustedIsGivenMarkedWhereItIsAskedFor) {
                   .empty());
 }
 
-TEST(FaceReaderTest, NothingIsFoundWhereNothingIs) {
+TEST(FaceReaderTest, FindsNoFaceInAFlatImage) {
   FaceReaderOptions options;
   options.eyes = EyeMethod::kSplits;
   FaceReader reader(options, nullptr);
   EXPECT_TRUE(reader.read(cv::Mat(240, 320, CV_8UC1, cv::Scalar(90))).empty());
 }
 
-TEST(FaceReaderTest, BothKindsOfCascadesFindTheEyesOfAImage) {
+TEST(FaceReaderTest, BothCascadeMethodsFindTheEyes) {
   if (!std::filesystem::exists(kImage)) GTEST_SKIP() << "needs the package opencv-doc";
   cv::Mat gray = read_gray_image(kImage);
   cv::resize(gray, gray, {}, 2, 2, cv::INTER_CUBIC);

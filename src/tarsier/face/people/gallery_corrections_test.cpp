@@ -105,7 +105,7 @@ TEST_F(CorrectionsTest, MovesMergesSplitsAndUndoes) {
   EXPECT_EQ(gallery.correction(split)->undone, gallery.corrections(1)[0].id);
 }
 
-TEST_F(CorrectionsTest, RefusesWhatIsNotThere) {
+TEST_F(CorrectionsTest, RejectsInvalidCorrections) {
   Gallery gallery(path("p.db"));
   const std::int64_t face = enroll(gallery, "Ann", 1, 1);
   const std::int64_t other = enroll(gallery, "Ben", 2, 1);
@@ -156,7 +156,7 @@ TEST_F(CorrectionsTest, RefusesWhatIsNotThere) {
 
 // A face that was ruled out for a person is not identified as that person again. This holds after
 // learning and for a model in use. After undo the old state returns.
-TEST_F(CorrectionsTest, ANegativeHoldsAtOnce) {
+TEST_F(CorrectionsTest, NegativeTakesEffectAtOnce) {
   Gallery gallery(path("p.db"));
   for (int seed = 1; seed < 4; ++seed) {
     (void)enroll(gallery, "Ann", 1, seed);
@@ -193,7 +193,7 @@ TEST_F(CorrectionsTest, ANegativeHoldsAtOnce) {
   EXPECT_THAT(gallery.negatives(), IsEmpty());
 }
 
-TEST_F(CorrectionsTest, AnEnrolledFaceThatIsNotThePersonSpeaksAgainstThem) {
+TEST_F(CorrectionsTest, RejectedFaceBecomesANegative) {
   Gallery gallery(path("p.db"));
   for (int seed = 1; seed < 4; ++seed) (void)enroll(gallery, "Ann", 1, seed);
   const std::int64_t wrong = enroll(gallery, "Ann", 2, 1);
@@ -224,7 +224,7 @@ TEST_F(CorrectionsTest, AnEnrolledFaceThatIsNotThePersonSpeaksAgainstThem) {
   EXPECT_EQ(label(2, 1), "Cid");
 }
 
-TEST_F(CorrectionsTest, NamesAGroupAndTakesItBack) {
+TEST_F(CorrectionsTest, NamesAGroupAndUndoesIt) {
   Gallery gallery(path("p.db"));
   for (int seed = 1; seed < 4; ++seed) place(gallery, see(gallery, "", false, 1, seed), 1);
   place(gallery, see(gallery, "", false, 2, 1), 2);
@@ -272,7 +272,7 @@ TEST_F(CorrectionsTest, MergesAndSplitsGroups) {
 }
 
 // Forgetting a person removes everything: ruled-out faces, sightings, and log entries.
-TEST_F(CorrectionsTest, ForgettingTakesTheLogAlong) {
+TEST_F(CorrectionsTest, ForgettingRemovesLogEntries) {
   Gallery gallery(path("p.db"));
   (void)enroll(gallery, "Ann", 1, 1);
   (void)enroll(gallery, "Ben", 2, 1);

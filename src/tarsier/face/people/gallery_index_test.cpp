@@ -49,7 +49,7 @@ const recognition::Background& background() {
 std::int64_t space() { return -recognition::fingerprint(background()); }
 
 // Random coordinates of a person; all crops are equal.
-std::vector<float> drawn(int person, int image) {
+std::vector<float> random_coordinates(int person, int image) {
   Rng of_person(static_cast<std::uint64_t>(person) + 1);
   Rng of_image(static_cast<std::uint64_t>(1000 * person + image) + 77);
   std::vector<float> numbers;
@@ -66,7 +66,7 @@ NewFace face_of(int person, int image) {
   out.face.crop = cv::Mat(160, 128, CV_8UC1, cv::Scalar(100));
   out.face.crop.at<unsigned char>(person % 160, image) = static_cast<unsigned char>(person);
   out.face.measures = "{}";
-  out.face.features = drawn(person, image);
+  out.face.features = random_coordinates(person, image);
   out.face.space = space();
   return out;
 }
@@ -113,7 +113,7 @@ class GalleryIndexTest : public FolderTest {
         search_mode);
   }
   std::vector<float> probe(const recognition::Recognizer& model, int person, int image = kImages) {
-    const std::vector<float> numbers = drawn(person, image);
+    const std::vector<float> numbers = random_coordinates(person, image);
     const recognition::Rows row = recognition::templates_of_coordinates(
         model, background(),
         Eigen::Map<const recognition::Rows>(numbers.data(), 1,
@@ -135,7 +135,7 @@ class GalleryIndexTest : public FolderTest {
     return out;
   }
   // A person whose faces the index was not learned from.
-  std::string somebody() {
+  std::string person_outside_training() {
     const CellIndex index(index_path(gallery_));
     const auto& learned = index.learned_from();
     for (int person = 7; person < kPeople; ++person) {
@@ -152,7 +152,7 @@ class GalleryIndexTest : public FolderTest {
   NoProgress progress_;
 };
 
-TEST_F(GalleryIndexTest, TheAnswerIsThatOfAnExactSearch) {
+TEST_F(GalleryIndexTest, GivesTheResultOfAnExhaustiveSearch) {
   EXPECT_FALSE(gallery_index_state(gallery_).exists);
   const auto report = build();
   EXPECT_EQ(report.faces, static_cast<std::int64_t>(kFaces));
@@ -180,7 +180,7 @@ TEST_F(GalleryIndexTest, TheAnswerIsThatOfAnExactSearch) {
   EXPECT_GT(known, kPeople / 2);
 }
 
-TEST_F(GalleryIndexTest, NewFacesAreFoundBesideIt) {
+TEST_F(GalleryIndexTest, FindsFacesEnrolledAfterTheBuild) {
   build();
   GalleryFollower running = follower();
   gallery_.enroll(std::vector<NewFace>{face_of(5000, 0), face_of(5000, 1)});
@@ -202,10 +202,10 @@ TEST_F(GalleryIndexTest, NewFacesAreFoundBesideIt) {
   EXPECT_EQ(follower().index()->newer(), 3);
 }
 
-TEST_F(GalleryIndexTest, WhoIsForgottenLeavesIt) {
+TEST_F(GalleryIndexTest, ForgettingRemovesThePersonFromTheIndex) {
   learned_from_few();
   build({.learn_from = 1});
-  const std::string name = somebody();
+  const std::string name = person_outside_training();
   ASSERT_FALSE(name.empty());
   const auto gone = faces_of(name);
   const int number = std::stoi(name.substr(1));
@@ -231,7 +231,7 @@ TEST_F(GalleryIndexTest, WhoIsForgottenLeavesIt) {
   EXPECT_FALSE(running.is_enrolled(name));
 }
 
-TEST_F(GalleryIndexTest, ItGoesWhereItWasLearnedFromWhoIsForgotten) {
+TEST_F(GalleryIndexTest, ForgettingATrainingPersonDeletesTheIndex) {
   learned_from_few();
   build({.learn_from = 1000});  // from all people
   const auto report = gallery_.forget("p7", {});
@@ -255,7 +255,7 @@ TEST_F(GalleryIndexTest, ItGoesWhereItWasLearnedFromWhoIsForgotten) {
   EXPECT_FALSE(std::filesystem::exists(index_path(gallery_)));
 }
 
-TEST_F(GalleryIndexTest, ARunningProgramGoesOnWithoutIt) {
+TEST_F(GalleryIndexTest, FollowerContinuesWithoutTheIndex) {
   build();
   GalleryFollower running = follower();
   const auto features = probe(*running.recognizer(), 11);
@@ -271,7 +271,7 @@ TEST_F(GalleryIndexTest, ARunningProgramGoesOnWithoutIt) {
   EXPECT_EQ(running.recognize(probe(*running.recognizer(), 11), 0.01).label, "p11");
 }
 
-TEST_F(GalleryIndexTest, CorrectionsHoldAtOnce) {
+TEST_F(GalleryIndexTest, CorrectionsTakeEffectAtOnce) {
   build();
   GalleryFollower running = follower();
   const auto features = probe(*running.recognizer(), 21);
@@ -284,7 +284,7 @@ TEST_F(GalleryIndexTest, CorrectionsHoldAtOnce) {
   EXPECT_EQ(running.recognize(features, 0.01).threshold, exact.recognize(features, 0.01).threshold);
 }
 
-TEST_F(GalleryIndexTest, FilesThatAreNotTheGallerysAreIgnored) {
+TEST_F(GalleryIndexTest, IgnoresInvalidAndForeignFiles) {
   build();
   const std::string file = index_path(gallery_);
   const std::string whole = contents(file);
@@ -332,7 +332,7 @@ TEST_F(GalleryIndexTest, FilesThatAreNotTheGallerysAreIgnored) {
   unused("is of templates that were made again");
 }
 
-TEST_F(GalleryIndexTest, WhoIsForgottenWhileItIsMadeIsNotInIt) {
+TEST_F(GalleryIndexTest, ForgettingDuringTheBuildRestartsIt) {
   learned_from_few();
   Gallery other(path("p.db"));
   struct Forgets final : Progress {
@@ -352,7 +352,7 @@ TEST_F(GalleryIndexTest, WhoIsForgottenWhileItIsMadeIsNotInIt) {
   EXPECT_TRUE(gallery_index_state(gallery_).current);
 }
 
-TEST_F(GalleryIndexTest, AKillLeavesTheOldOneOrTheNewOne) {
+TEST_F(GalleryIndexTest, KillLeavesTheOldOrTheNewIndex) {
   build({.rounds = 1});
   const std::string old = CellIndex(index_path(gallery_)).sha256();
   int before = 0;
@@ -395,7 +395,7 @@ TEST_F(GalleryIndexTest, CanBeInterrupted) {
   EXPECT_EQ(files(), 3U);
 }
 
-TEST_F(GalleryIndexTest, SmallGalleriesHaveNothingToIndex) {
+TEST_F(GalleryIndexTest, RejectsSmallGalleries) {
   Gallery small(path("s.db"));
   NewFace one{"a", "", {}};
   one.face.crop = recognition::synthetic_faces(1, 1, 0.3, 5, 3, {128, 160}).faces[0];

@@ -50,7 +50,7 @@ std::string message_of(const Call& call) {
 
 using GalleryTest = FolderTest;
 
-TEST_F(GalleryTest, KeepsPeopleWithAnyNames) {
+TEST_F(GalleryTest, StoresPeopleWithAnyNames) {
   const std::vector<std::string> names = {"O'Brien \"Bob\"", "../../etc/passwd", "%s\\",
                                           "日本 名前", std::string(200, 'x')};
   {
@@ -75,7 +75,7 @@ TEST_F(GalleryTest, KeepsPeopleWithAnyNames) {
             fs::perms::owner_read | fs::perms::owner_write);
 }
 
-TEST_F(GalleryTest, NamesThatCannotBeAreRefused) {
+TEST_F(GalleryTest, RejectsInvalidNames) {
   Gallery gallery(path("p.db"));
   for (const std::string& name : {std::string(), std::string(201, 'x'), std::string(10'000, 'x'),
                                   std::string("a\nb"), std::string("\xff\xfe"), std::string(" x"),
@@ -86,7 +86,7 @@ TEST_F(GalleryTest, NamesThatCannotBeAreRefused) {
   EXPECT_THAT(gallery.people(), IsEmpty());
 }
 
-TEST_F(GalleryTest, MoreFacesOfAKnownPersonAndItsNote) {
+TEST_F(GalleryTest, AddsFacesAndNotesToAnEnrolledPerson) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   const auto before = gallery.generation();
@@ -100,7 +100,7 @@ TEST_F(GalleryTest, MoreFacesOfAKnownPersonAndItsNote) {
 }
 
 // The raw bytes are in the files before, and in no file afterwards.
-TEST_F(GalleryTest, ForgettingLeavesNoByte) {
+TEST_F(GalleryTest, ForgettingLeavesNoPiece) {
   Gallery gallery(path("p.db"));
   Pieces pieces;
   for (int i = 0; i < 6; ++i) {
@@ -144,7 +144,7 @@ TEST_F(GalleryTest, ForgettingLeavesNoByte) {
   EXPECT_FALSE(gallery.forget("Ann", {}));
 }
 
-TEST_F(GalleryTest, ACopyInTheFolderIsTold) {
+TEST_F(GalleryTest, ReportsCopiesInTheFolder) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   export_gallery(gallery, path("out"), [](std::int64_t) { return "t"; }, {});
@@ -156,7 +156,7 @@ TEST_F(GalleryTest, ACopyInTheFolderIsTold) {
 }
 
 // An export in a subfolder, as `people export -o all` makes it beside the gallery.
-TEST_F(GalleryTest, AnExportBelowTheFolderIsTold) {
+TEST_F(GalleryTest, ReportsCopiesInSubfolders) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   gallery.enroll("Ben", "", face(2));
@@ -170,7 +170,7 @@ TEST_F(GalleryTest, AnExportBelowTheFolderIsTold) {
 }
 
 // One image under two names. The other person's bytes stay, so nothing is reported as proven.
-TEST_F(GalleryTest, AnEmptyProofIsNotCalledAProof) {
+TEST_F(GalleryTest, SharedImagesMakeDeletionUnproven) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   gallery.enroll("Same", "", face(1));
@@ -194,7 +194,7 @@ TEST_F(GalleryTest, AnEmptyProofIsNotCalledAProof) {
 
 // A program that enrols, learns and forgets is killed at many moments. Everything that it reported
 // as done is done, and the file is intact.
-TEST_F(GalleryTest, AKilledProgramLeavesAWholeGallery) {
+TEST_F(GalleryTest, KillLeavesAConsistentGallery) {
   std::int64_t enrolled = 0;
   for (int round = 0; round < 12; ++round) {
     int ends[2];
@@ -256,7 +256,7 @@ TEST_F(GalleryTest, AKilledProgramLeavesAWholeGallery) {
   }
 }
 
-TEST_F(GalleryTest, AllAreForgottenAtOnce) {
+TEST_F(GalleryTest, ForgetsAllPeople) {
   Gallery gallery(path("p.db"));
   EXPECT_FALSE(gallery.forget_all({}));
   for (int i = 0; i < 6; ++i) gallery.enroll("p" + std::to_string(i / 2), "", face(i));
@@ -271,7 +271,7 @@ TEST_F(GalleryTest, AllAreForgottenAtOnce) {
   EXPECT_EQ(gallery.face_count(), 0);
 }
 
-TEST_F(GalleryTest, EnrollingKeepsWhatWasLearned) {
+TEST_F(GalleryTest, EnrollingKeepsTheModel) {
   Gallery gallery(path("p.db"));
   const auto id = gallery.enroll("Ann", "", face(1));
   const std::pair<std::int64_t, std::vector<float>> numbers{id, {1.0F, 2.0F}};
@@ -297,7 +297,7 @@ TEST_F(GalleryTest, EnrollingKeepsWhatWasLearned) {
 }
 
 // After a face was forgotten, nothing that was learned from it is stored.
-TEST_F(GalleryTest, AModelOfAFaceThatIsGoneIsNotStored) {
+TEST_F(GalleryTest, RejectsAModelOfRemovedFaces) {
   Gallery gallery(path("p.db"));
   const auto id = gallery.enroll("Ann", "", face(1));
   gallery.enroll("Ben", "", face(2));
@@ -331,7 +331,7 @@ TEST_F(GalleryTest, QueriesUseTheirIndices) {
 }
 
 // A gallery with the first version of the layout.
-TEST_F(GalleryTest, AnOlderGalleryIsBroughtUpToDate) {
+TEST_F(GalleryTest, UpgradesAnOlderVersion) {
   std::int64_t face_id = 0;
   const StoredFace stored = face(1);
   {
@@ -389,7 +389,7 @@ INSERT INTO model VALUES(1, 7, x'78');
   EXPECT_FALSE(gallery.model());
 }
 
-TEST_F(GalleryTest, SightingsAreKeptForATime) {
+TEST_F(GalleryTest, ForgetsSightingsBeforeATime) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   for (int i = 0; i < 10; ++i)
@@ -427,7 +427,7 @@ TEST_F(GalleryTest, ExportsEverything) {
                OutputError);
 }
 
-TEST_F(GalleryTest, MeasuresThatNoProgramOfOursWroteAreLeftOut) {
+TEST_F(GalleryTest, ExportOmitsInvalidMeasures) {
   Gallery gallery(path("p.db"));
   StoredFace hostile = face(1);
   hostile.measures = std::string(300'000, '[') + std::string(300'000, ']');
@@ -437,7 +437,7 @@ TEST_F(GalleryTest, MeasuresThatNoProgramOfOursWroteAreLeftOut) {
   EXPECT_TRUE(json["people"][0]["faces"][0]["measures"].is_null());
 }
 
-TEST_F(GalleryTest, AnExportThatIsStoppedLeavesNothing) {
+TEST_F(GalleryTest, InterruptedExportLeavesNothing) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   std::stop_source source;
@@ -448,7 +448,7 @@ TEST_F(GalleryTest, AnExportThatIsStoppedLeavesNothing) {
   EXPECT_FALSE(std::filesystem::exists(path("out")));
 }
 
-TEST_F(GalleryTest, FilesThatAreNoneOrCannotBeUsedSaySo) {
+TEST_F(GalleryTest, RejectsInvalidFiles) {
   {
     Gallery gallery(path("p.db"));
     gallery.enroll("Ann", "", face(1));

@@ -47,7 +47,7 @@ class GroupingTest : public FolderTest {
   GroupingReport group(Gallery& gallery) {
     return group_sightings(gallery, background(), {}, progress_, {});
   }
-  static std::map<std::int64_t, std::int64_t> placed(Gallery& gallery) {
+  static std::map<std::int64_t, std::int64_t> group_of_sightings(Gallery& gallery) {
     std::map<std::int64_t, std::int64_t> out;
     for (const Sighting& sighting : gallery.sightings()) out[sighting.id] = sighting.group;
     return out;
@@ -55,7 +55,7 @@ class GroupingTest : public FolderTest {
   NoProgress progress_;
 };
 
-TEST_F(GroupingTest, TheSameGroupsInWhateverBatchesAndThreads) {
+TEST_F(GroupingTest, DoesNotDependOnBatchesAndThreads) {
   Gallery one(path("one.db"));
   see(one, 6, 0, 4);
   const GroupingReport report = group(one);
@@ -75,12 +75,12 @@ TEST_F(GroupingTest, TheSameGroupsInWhateverBatchesAndThreads) {
   cv::setNumThreads(threads);
   // The images of the two galleries differ, since their random numbers depend on the number in the
   // set. So only the groupings are compared.
-  EXPECT_EQ(placed(one), placed(many));
+  EXPECT_EQ(group_of_sightings(one), group_of_sightings(many));
 }
 
 // Enough sightings for two passes: the groups of the first pass are merged, and split groups stay
 // apart.
-TEST_F(GroupingTest, ManySightingsGetASecondPass) {
+TEST_F(GroupingTest, SecondPassMergesManySightings) {
   Gallery gallery(path("many.db"));
   see(gallery, 12, 0, 6);
   GroupingOptions strict;
@@ -102,7 +102,7 @@ TEST_F(GroupingTest, ManySightingsGetASecondPass) {
   EXPECT_EQ(group(gallery).groups, 13);
 }
 
-TEST_F(GroupingTest, GroupsAreUnitedInOrderAndNotInAGalleryThatChanged) {
+TEST_F(GroupingTest, StoreMergesRejectsAChangedGallery) {
   Gallery gallery(path("p.db"));
   see(gallery, 3, 0, 2);
   (void)group(gallery);
@@ -118,7 +118,7 @@ TEST_F(GroupingTest, GroupsAreUnitedInOrderAndNotInAGalleryThatChanged) {
   EXPECT_EQ(gallery.groups().front().sightings, 6);
 }
 
-TEST_F(GroupingTest, GroupsStayWhileOthersComeAndGo) {
+TEST_F(GroupingTest, KeepsGroupIdsAfterRemovals) {
   Gallery gallery(path("p.db"));
   see(gallery, 3, 0, 3);
   (void)group(gallery);
@@ -138,7 +138,7 @@ TEST_F(GroupingTest, GroupsStayWhileOthersComeAndGo) {
   EXPECT_EQ(sizes, (std::map<std::int64_t, std::int64_t>{{1, 3}, {3, 3}, {4, 1}}));
 }
 
-TEST_F(GroupingTest, ACorrectionMeanwhileIsRespected) {
+TEST_F(GroupingTest, RespectsCorrectionsMadeMeanwhile) {
   Gallery gallery(path("p.db"));
   see(gallery, 2, 0, 3);
   (void)group(gallery);
@@ -154,7 +154,7 @@ TEST_F(GroupingTest, ACorrectionMeanwhileIsRespected) {
   EXPECT_THAT(gallery.groups(), SizeIs(2));
 }
 
-TEST_F(GroupingTest, InPiecesItIsTheSame) {
+TEST_F(GroupingTest, StepsGiveTheSameGroups) {
   Gallery whole(path("whole.db"));
   see(whole, 6, 0, 3);
   group(whole);
@@ -173,7 +173,7 @@ TEST_F(GroupingTest, InPiecesItIsTheSame) {
   while (grouping.step({}, 5)) {
   }
   EXPECT_FALSE(grouping.step({}, 5));
-  EXPECT_EQ(placed(pieces), placed(whole));
+  EXPECT_EQ(group_of_sightings(pieces), group_of_sightings(whole));
   EXPECT_EQ(grouping.report().assigned, 18);
   EXPECT_EQ(grouping.report().groups, 6);
   GroupingOptions wrong;
@@ -181,7 +181,7 @@ TEST_F(GroupingTest, InPiecesItIsTheSame) {
   EXPECT_THROW(SightingGrouping(pieces, background(), wrong), std::invalid_argument);
 }
 
-TEST_F(GroupingTest, TheGroupOfAFaceThatIsNotPlaced) {
+TEST_F(GroupingTest, GroupFinderFindsTheGroupOfANewFace) {
   Gallery gallery(path("one.db"));
   GroupFinder finder(gallery, background());
   const auto set = recognition::synthetic_faces(6, 5, 0.2, 5, 0, {128, 160});

@@ -32,17 +32,17 @@ recognition::Background background() {
 class GalleryModelTest : public FolderTest {
  protected:
   void enroll(Gallery& gallery, int people, int images, int first = 0,
-              TemplateExtractor* maker = nullptr) {
+              TemplateExtractor* extractor = nullptr) {
     const auto faces = synthetic_faces(people, images, 0.3, 5, first, {128, 160});
     for (std::size_t i = 0; i < faces.faces.size(); ++i) {
       StoredFace face;
       face.crop = faces.faces[i];
       face.measures = "{}";
-      if (maker != nullptr) maker->fill(face);
+      if (extractor != nullptr) extractor->fill(face);
       gallery.enroll(faces.labels[i], "", face);
     }
   }
-  Recognition named(const recognition::Recognizer& model, int person, int seed = 99) {
+  Recognition identified(const recognition::Recognizer& model, int person, int seed = 99) {
     const cv::Mat face =
         synthetic_faces(1, 1, 0.3, static_cast<std::uint64_t>(seed), person, {128, 160}).faces[0];
     return recognize(
@@ -68,12 +68,12 @@ recognition::Background deep_background(std::uint64_t seed) {
   return recognition::learn_background(many.faces, options, progress, {});
 }
 
-TEST_F(GalleryModelTest, DeepTemplatesAreMadeOnceAndDependOnNobody) {
+TEST_F(GalleryModelTest, DeepTemplatesDoNotDependOnTheGallery) {
   Gallery gallery(path("p.db"));
   gallery.set_algorithm("deep");
   const auto general = deep_background(1);
-  TemplateExtractor maker(gallery, &general);
-  enroll(gallery, 2, 1, 0, &maker);
+  TemplateExtractor extractor(gallery, &general);
+  enroll(gallery, 2, 1, 0, &extractor);
   const std::int64_t space = -recognition::fingerprint(general);
   EXPECT_THAT(gallery.without_template(space), IsEmpty());
   const std::vector<float> first = gallery.template_of(gallery.face_refs().front().id, space);
@@ -81,13 +81,13 @@ TEST_F(GalleryModelTest, DeepTemplatesAreMadeOnceAndDependOnNobody) {
       load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
   ASSERT_TRUE(model);
   EXPECT_EQ(model->recognizer.options.algorithm, recognition::Algorithm::kDeep);
-  EXPECT_EQ(named(model->recognizer, 1, 5).label, "p1");
-  enroll(gallery, 1, 2, 7, &maker);
+  EXPECT_EQ(identified(model->recognizer, 1, 5).label, "p1");
+  enroll(gallery, 1, 2, 7, &extractor);
   ASSERT_TRUE(gallery.forget("p1", {}));
   EXPECT_EQ(gallery.template_of(gallery.face_refs().front().id, space), first);
 }
 
-TEST_F(GalleryModelTest, OfDeepTemplatesIsLearnedAgainWhenSomebodyIsEnrolled) {
+TEST_F(GalleryModelTest, SmallDeepGalleryIsRetrainedAfterEnrolment) {
   Gallery gallery(path("p.db"));
   gallery.set_algorithm("deep");
   const auto general = deep_background(1);
@@ -105,7 +105,7 @@ TEST_F(GalleryModelTest, OfDeepTemplatesIsLearnedAgainWhenSomebodyIsEnrolled) {
   EXPECT_EQ(four->recognizer.calibration->impostor_people, 4);
 }
 
-TEST_F(GalleryModelTest, TemplatesOfAnotherKindAreMadeAgainFromTheCrops) {
+TEST_F(GalleryModelTest, RecomputesTemplatesOfAnotherKind) {
   Gallery gallery(path("p.db"));
   const auto general = background();
   const auto deep = deep_background(1);
@@ -118,14 +118,14 @@ TEST_F(GalleryModelTest, TemplatesOfAnotherKindAreMadeAgainFromTheCrops) {
   ASSERT_TRUE(made);
   EXPECT_EQ(made->options.algorithm, recognition::Algorithm::kDeep);
   EXPECT_NE(made->template_length(), classic->template_length());
-  EXPECT_EQ(named(*made, 2, 5).label, "p2");
+  EXPECT_EQ(identified(*made, 2, 5).label, "p2");
   gallery.set_algorithm("default");
   const auto back = gallery_model(gallery, &general, true, progress_, {}, TrainingPolicy::kAlways);
   ASSERT_TRUE(back);
   EXPECT_LT((back->templates - classic->templates).cwiseAbs().maxCoeff(), 1e-6);
 }
 
-TEST_F(GalleryModelTest, DeepTemplatesWithoutTheirNetworkAreRefused) {
+TEST_F(GalleryModelTest, RejectsDeepTemplatesWithoutTheirNetwork) {
   Gallery gallery(path("p.db"));
   enroll(gallery, 2, 1);
   gallery.set_algorithm("deep");
@@ -140,7 +140,7 @@ TEST_F(GalleryModelTest, DeepTemplatesWithoutTheirNetworkAreRefused) {
   EXPECT_NE(first->templates, second->templates);  // computed again, not mixed
 }
 
-TEST_F(GalleryModelTest, NamesThoseEnrolledAndNobodyElse) {
+TEST_F(GalleryModelTest, IdentifiesEnrolledPeopleOnly) {
   Gallery gallery(path("p.db"));
   const auto general = background();
   for (const int people : {1, 3}) {
@@ -148,19 +148,19 @@ TEST_F(GalleryModelTest, NamesThoseEnrolledAndNobodyElse) {
     const auto model = gallery_model(gallery, &general, true, progress_, {});
     ASSERT_TRUE(model);
     for (int p = 0; p < people; ++p) {
-      const Recognition seen = named(*model, p);
+      const Recognition seen = identified(*model, p);
       EXPECT_TRUE(seen.known) << people;
       EXPECT_EQ(seen.label, "p" + std::to_string(p));
       EXPECT_GT(seen.confidence, 0.5);
     }
-    const Recognition stranger = named(*model, 500);
+    const Recognition stranger = identified(*model, 500);
     EXPECT_FALSE(stranger.known);
     EXPECT_FALSE(stranger.label.empty());
     EXPECT_LT(stranger.confidence, 0.5);
   }
 }
 
-TEST_F(GalleryModelTest, TheStoredModelIsTheSame) {
+TEST_F(GalleryModelTest, StoredModelEqualsTheTrainedModel) {
   Gallery gallery(path("p.db"));
   const auto general = background();
   enroll(gallery, 3, 2);
@@ -169,10 +169,10 @@ TEST_F(GalleryModelTest, TheStoredModelIsTheSame) {
   const auto read = gallery_model(gallery, nullptr, false, progress_, {});  // needs no background
   EXPECT_EQ(read->templates, trained->templates);
   EXPECT_EQ(read->labels, trained->labels);
-  EXPECT_DOUBLE_EQ(named(*read, 1).score, named(*trained, 1).score);
+  EXPECT_DOUBLE_EQ(identified(*read, 1).score, identified(*trained, 1).score);
 }
 
-TEST_F(GalleryModelTest, WhenSomebodyIsForgottenTheOthersAreStillKnown) {
+TEST_F(GalleryModelTest, ForgettingKeepsTheOtherPeople) {
   Gallery gallery(path("p.db"));
   const auto general = background();
   enroll(gallery, 3, 3);
@@ -180,12 +180,12 @@ TEST_F(GalleryModelTest, WhenSomebodyIsForgottenTheOthersAreStillKnown) {
   ASSERT_TRUE(gallery.forget("p1", {})->proven());
   const auto model = gallery_model(gallery, &general, true, progress_, {});
   EXPECT_THAT(model->labels, ElementsAre("p0", "p2"));
-  EXPECT_TRUE(named(*model, 2).known);
-  EXPECT_FALSE(named(*model, 1).known);
+  EXPECT_TRUE(identified(*model, 2).known);
+  EXPECT_FALSE(identified(*model, 1).known);
 }
 
 // New faces get templates of the learned model; the model stays as it is.
-TEST_F(GalleryModelTest, EnrollingAddsToTheModelThatIsThere) {
+TEST_F(GalleryModelTest, EnrollingExtendsTheExistingModel) {
   Gallery gallery(path("p.db"));
   const auto general = background();
   enroll(gallery, 3, 3);
@@ -193,34 +193,34 @@ TEST_F(GalleryModelTest, EnrollingAddsToTheModelThatIsThere) {
       load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
   const std::int64_t id = gallery.model_id();
   GalleryFollower follower(gallery, &general, std::move(model));
-  TemplateExtractor maker(gallery, &general);
-  enroll(gallery, 1, 3, 40, &maker);
+  TemplateExtractor extractor(gallery, &general);
+  enroll(gallery, 1, 3, 40, &extractor);
   EXPECT_EQ(gallery.model_id(), id);
   EXPECT_THAT(gallery.without_template(id), IsEmpty());
   EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
   EXPECT_EQ(follower.update(), GalleryFollower::Change::kNone);
   EXPECT_EQ(follower.recognizer()->labels.size(), 4U);
   EXPECT_NO_THROW(follower.recognizer()->check());
-  EXPECT_TRUE(named(*follower.recognizer(), 40).known);
-  EXPECT_EQ(named(*follower.recognizer(), 40).label, "p40");
+  EXPECT_TRUE(identified(*follower.recognizer(), 40).known);
+  EXPECT_EQ(identified(*follower.recognizer(), 40).label, "p40");
 }
 
 // The memory of a running program does not keep a forgotten person.
-TEST_F(GalleryModelTest, WhoIsForgottenElsewhereIsNamedNoMore) {
+TEST_F(GalleryModelTest, FollowerDropsPeopleForgottenElsewhere) {
   Gallery gallery(path("p.db"));
   const auto general = background();
   enroll(gallery, 3, 3);
   GalleryFollower follower(
       gallery, &general,
       load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {}));
-  ASSERT_TRUE(named(*follower.recognizer(), 1).known);
+  ASSERT_TRUE(identified(*follower.recognizer(), 1).known);
   Gallery other(path("p.db"));
   ASSERT_TRUE(other.forget("p1", {}));
   EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
   EXPECT_THAT(follower.recognizer()->labels, ElementsAre("p0", "p2"));
-  EXPECT_FALSE(named(*follower.recognizer(), 1).known);
-  EXPECT_NE(named(*follower.recognizer(), 1).label, "p1");
-  EXPECT_TRUE(named(*follower.recognizer(), 2).known);
+  EXPECT_FALSE(identified(*follower.recognizer(), 1).known);
+  EXPECT_NE(identified(*follower.recognizer(), 1).label, "p1");
+  EXPECT_TRUE(identified(*follower.recognizer(), 2).known);
   EXPECT_EQ(follower.recognizer()->templates.rows(), 6);
   // If another program learns, its model is used.
   (void)gallery_model(other, &general, true, progress_, {});
@@ -233,7 +233,7 @@ TEST_F(GalleryModelTest, WhoIsForgottenElsewhereIsNamedNoMore) {
 
 // With more faces than learning uses, the gallery keeps coordinates. Forgetting a person keeps
 // those of the others.
-TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
+TEST_F(GalleryModelTest, LargeGalleryStoresCoordinates) {
   TARSIER_LONG_TEST();
   Gallery gallery(path("p.db"));
   const auto general = background();
@@ -245,17 +245,17 @@ TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
   ASSERT_TRUE(model);
   EXPECT_EQ(model->space, space);
   EXPECT_EQ(model->recognizer.labels.size(), static_cast<std::size_t>(people));
-  const Recognition seen = named(model->recognizer, 7);
+  const Recognition seen = identified(model->recognizer, 7);
   EXPECT_EQ(seen.label, "p7");
-  EXPECT_FALSE(named(model->recognizer, 5000).known);
+  EXPECT_FALSE(identified(model->recognizer, 5000).known);
   const std::int64_t id = gallery.model_id();
   // Enrolling one more person learns nothing and computes one template.
-  TemplateExtractor maker(gallery, &general);
-  enroll(gallery, 1, 3, 3000, &maker);
+  TemplateExtractor extractor(gallery, &general);
+  enroll(gallery, 1, 3, 3000, &extractor);
   EXPECT_THAT(gallery.without_template(space), IsEmpty());
   GalleryFollower follower(gallery, &general, std::move(model));
   EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
-  EXPECT_EQ(named(*follower.recognizer(), 3000).label, "p3000");
+  EXPECT_EQ(identified(*follower.recognizer(), 3000).label, "p3000");
   const auto again =
       load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
   EXPECT_EQ(gallery.model_id(), id);
@@ -265,7 +265,7 @@ TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
   EXPECT_EQ(gallery.model_id(), 0);
   EXPECT_THAT(gallery.without_template(space), IsEmpty());
   EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
-  EXPECT_NE(named(*follower.recognizer(), 7).label, "p7");
+  EXPECT_NE(identified(*follower.recognizer(), 7).label, "p7");
   const auto relearned =
       load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
   EXPECT_EQ(relearned->recognizer.labels.size(), static_cast<std::size_t>(people));
@@ -274,7 +274,7 @@ TEST_F(GalleryModelTest, ALargeGalleryKeepsCoordinates) {
   EXPECT_NE(gallery.model_id(), id);
 }
 
-TEST_F(GalleryModelTest, LearningIsStoppedBetweenAnyTwoSteps) {
+TEST_F(GalleryModelTest, TrainingCanBeInterruptedBeforeEachStep) {
   Gallery gallery(path("p.db"));
   const auto general = background();
   enroll(gallery, 3, 3);
@@ -293,7 +293,7 @@ TEST_F(GalleryModelTest, LearningIsStoppedBetweenAnyTwoSteps) {
   }
 }
 
-TEST_F(GalleryModelTest, ClassicalGalleriesAreNotLarge) {
+TEST_F(GalleryModelTest, RejectsLargeClassicalGalleries) {
   Gallery gallery(path("p.db"));
   std::vector<NewFace> many;
   for (int i = 0; i <= kMaxClassical; ++i) {
@@ -307,7 +307,7 @@ TEST_F(GalleryModelTest, ClassicalGalleriesAreNotLarge) {
   EXPECT_THROW((void)gallery_model(gallery, nullptr, true, progress_, {}), std::invalid_argument);
 }
 
-TEST_F(GalleryModelTest, ClassicalRecognisersWorkToo) {
+TEST_F(GalleryModelTest, TrainsClassicalRecognisers) {
   Gallery gallery(path("p.db"));
   enroll(gallery, 1, 3);
   gallery.set_algorithm("fisher");
@@ -322,7 +322,7 @@ TEST_F(GalleryModelTest, ClassicalRecognisersWorkToo) {
   }
 }
 
-TEST_F(GalleryModelTest, OnePersonUnderTwoNamesIsNoticed) {
+TEST_F(GalleryModelTest, FindsDuplicateNames) {
   Gallery gallery(path("p.db"));
   const auto general = background();
   enroll(gallery, 2, 4);

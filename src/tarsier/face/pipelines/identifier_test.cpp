@@ -27,9 +27,9 @@ using testing::Not;
 namespace fs = std::filesystem;
 
 // A gallery of three synthetic people.
-class Names : public FolderTest {
+class IdentifierTest : public FolderTest {
  protected:
-  Names() : set_(recognition::synthetic_faces(3, 3, 0.3, 5, 0, {128, 160})) {
+  IdentifierTest() : set_(recognition::synthetic_faces(3, 3, 0.3, 5, 0, {128, 160})) {
     people::Gallery gallery(path("people.db"));
     for (std::size_t i = 0; i < set_.faces.size(); ++i)
       gallery.enroll(set_.labels[i], "", stored(set_.faces[i]));
@@ -50,7 +50,7 @@ class Names : public FolderTest {
   recognition::SyntheticFaces set_;
 };
 
-TEST_F(Names, OfCutFacesFollowTheGallery) {
+TEST_F(IdentifierTest, IdentifiesCroppedFacesByTheCurrentGallery) {
   people::Gallery gallery(path("people.db"));
   NoProgress quiet;
   people::GalleryFollower follower(
@@ -74,7 +74,7 @@ TEST_F(Names, OfCutFacesFollowTheGallery) {
             "");
 }
 
-TEST_F(Names, OfTrackedFacesPoolTheirLastFrames) {
+TEST_F(IdentifierTest, PoolsTemplatesOfTrackedFaces) {
   people::Gallery gallery(path("people.db"));
   NoProgress quiet;
   const auto model = train_gallery(gallery, nullptr, people::TrainingPolicy::kIfNeeded, quiet, {});
@@ -101,7 +101,7 @@ TEST_F(Names, OfTrackedFacesPoolTheirLastFrames) {
   EXPECT_TRUE(pool.empty());  // the tracked face is gone
 }
 
-TEST_F(Names, AreFoundAndNamedInTwoSteps) {
+TEST_F(IdentifierTest, FindsAndIdentifiesInTwoSteps) {
   people::Gallery gallery(path("people.db"));
   people::GalleryFollower follower(gallery, nullptr, std::nullopt);
   const Identifier identifier({}, true);
@@ -122,7 +122,7 @@ TEST_F(Names, AreFoundAndNamedInTwoSteps) {
   EXPECT_THROW(alone.replace(std::nullopt), std::invalid_argument);
 }
 
-TEST_F(Names, OfEnrolledFacesAreKnownWithTheirMeasures) {
+TEST_F(IdentifierTest, EnrollerStoresFaceAndMeasures) {
   people::Gallery gallery(path("new.db"), DatabaseAccess::kCreate);
   Enroller enroller(gallery, nullptr);
   people::Face face;
@@ -141,7 +141,7 @@ TEST_F(Names, OfEnrolledFacesAreKnownWithTheirMeasures) {
   EXPECT_NE(stored->measures.find("61"), std::string::npos) << stored->measures;
 }
 
-TEST_F(Names, AreWrittenAsJson) {
+TEST_F(IdentifierTest, WritesJson) {
   IdentifiedFace face;
   face.face.box = {10.4, 20.6, 30, 40};
   IdentifierResult result{{face}, 1.234};
@@ -155,7 +155,7 @@ TEST_F(Names, AreWrittenAsJson) {
       R"({"box":[10,21,30,40],"label":"Ann","confidence":0.9877,"known":true,"trusted":true,"id":3})");
 }
 
-TEST_F(Names, TheFaceOfAStillIsThatOfThePersonEnrolled) {
+TEST_F(IdentifierTest, IdentifiesAnEnrolledFace) {
   if (!fs::exists(kMessi)) GTEST_SKIP() << "needs the package opencv-doc";
   const cv::Mat image = read_image(kMessi);
   cv::Mat gray;
@@ -182,7 +182,7 @@ TEST_F(Names, TheFaceOfAStillIsThatOfThePersonEnrolled) {
   EXPECT_EQ(video.faces[0].identity.label, "Messi");
 }
 
-TEST_F(Names, WhatIsMissingIsNamed) {
+TEST_F(IdentifierTest, RejectsMissingFiles) {
   IdentifierOptions options;
   options.gallery = path("nobody.db");
   const Identifier identifier = Identifier::load(models(), options);
@@ -196,7 +196,7 @@ TEST_F(Names, WhatIsMissingIsNamed) {
   EXPECT_THROW(static_cast<void>(Identifier({}, true).open()), std::invalid_argument);
 }
 
-TEST_F(Names, AGalleryForEnrollingIsMadeWithItsAlgorithmAndBackground) {
+TEST_F(IdentifierTest, CreatesAGalleryForEnrolment) {
   IdentifierOptions options;
   options.gallery = path("nobody.db");
   options.enroll = true;
@@ -215,7 +215,7 @@ TEST_F(Names, AGalleryForEnrollingIsMadeWithItsAlgorithmAndBackground) {
 }
 
 // The library does not know the commands of the program; its message states the problem only.
-TEST_F(Names, TemplatesOfAnotherKindAreRefused) {
+TEST_F(IdentifierTest, RejectsTemplatesOfAnotherKind) {
   const TemporaryFolder empty;
   const ModelStore none(empty.path());
   const auto problem_of = [&](people::Gallery& gallery, TemplateKind kind,
@@ -257,7 +257,7 @@ TEST_F(Names, TemplatesOfAnotherKindAreRefused) {
   }
 }
 
-TEST_F(Names, BadOptionsAreRefused) {
+TEST_F(IdentifierTest, RejectsInvalidOptions) {
   IdentifierOptions options;
   options.cropped = true;  // but no recognizer
   EXPECT_THROW(options.check(), std::invalid_argument);

@@ -43,7 +43,7 @@ Rates rates(const Recognizer& model, int enrolled) {
   return {share(known), share(others)};
 }
 
-TEST(BackgroundTest, OnePersonAloneIsToldFromStrangers) {
+TEST(BackgroundTest, SmallGalleriesRejectImpostors) {
   const Background general = background();
   NoProgress progress;
   for (const int enrolled : {1, 2, 5}) {
@@ -56,7 +56,7 @@ TEST(BackgroundTest, OnePersonAloneIsToldFromStrangers) {
   }
 }
 
-TEST(BackgroundTest, OneImageOfOnePersonIsEnough) {
+TEST(BackgroundTest, OneImageSuffices) {
   const Background general = background();
   NoProgress progress;
   const SyntheticFaces gallery = synthetic_faces(1, 1, 0.3, 5);
@@ -66,14 +66,14 @@ TEST(BackgroundTest, OneImageOfOnePersonIsEnough) {
   EXPECT_LE(seen.strangers, 0.03);
 }
 
-TEST(BackgroundTest, TheSameSeedLearnsTheSame) {
+TEST(BackgroundTest, IsDeterministic) {
   const Background a = background();
   const Background b = background();
   EXPECT_EQ(a.basis, b.basis);
   EXPECT_EQ(a.within, b.within);
 }
 
-TEST(BackgroundTest, LightChangesTheFaceAndNotItsSize) {
+TEST(BackgroundTest, RelitFaceKeepsItsSize) {
   const cv::Mat face = synthetic_faces(1, 1, 0, 1).faces[0];
   const cv::Mat lit = relit_face(face, 1, 4);
   EXPECT_EQ(lit.size(), face.size());
@@ -81,7 +81,7 @@ TEST(BackgroundTest, LightChangesTheFaceAndNotItsSize) {
   EXPECT_EQ(cv::norm(lit, relit_face(face, 1, 4), cv::NORM_INF), 0);
 }
 
-TEST(BackgroundTest, FilesGiveTheSameBackAndBadOnesAreRefused) {
+TEST(BackgroundTest, RoundTripAndInvalidFiles) {
   const TemporaryFolder folder;
   const std::string path = folder / "b.json";
   const Background written = background();
@@ -100,7 +100,7 @@ TEST(BackgroundTest, FilesGiveTheSameBackAndBadOnesAreRefused) {
   EXPECT_THROW((void)read_background(folder / "none.json"), ModelError);
 }
 
-TEST(BackgroundTest, PartsThatDoNotFitAreRefused) {
+TEST(BackgroundTest, RejectsInconsistentParts) {
   Background general = background();
   general.variance.resize(3);
   const SyntheticFaces gallery = synthetic_faces(2, 2, 0.3, 5);

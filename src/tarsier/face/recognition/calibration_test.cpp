@@ -50,14 +50,14 @@ double observed_rate(double rate, int fitted_people, int people) {
   return sum;
 }
 
-TEST(Calibration, AStatedRateHoldsOnNewStrangers) {
+TEST(Calibration, FalseAcceptRateHoldsForNewImpostors) {
   for (const double rate : {0.1, 0.01}) {
     EXPECT_GT(observed_rate(rate, 20, 20), rate / 2);
     EXPECT_LT(observed_rate(rate, 20, 20), rate * 2);
   }
 }
 
-TEST(Calibration, ItHoldsForAGalleryOfAnotherSize) {
+TEST(Calibration, FalseAcceptRateHoldsForOtherGallerySizes) {
   EXPECT_GT(observed_rate(0.05, 20, 80), 0.05 / 2);
   EXPECT_LT(observed_rate(0.05, 20, 80), 0.05 * 2);
   const auto calibration = fit_calibration(sample_of(20, 20, 5), {0, 1, 0, 0});
@@ -83,7 +83,7 @@ TEST(Calibration, ProbabilityRisesWithTheScore) {
   }
 }
 
-TEST(Calibration, SeparateScoresStayFinite) {
+TEST(Calibration, IsFiniteForSeparableScores) {
   ScoreSample sample;
   sample.genuine = {0.9, 0.9, 0.9};
   sample.impostor = {0.1, 0.1, 0.1};
@@ -93,7 +93,7 @@ TEST(Calibration, SeparateScoresStayFinite) {
   EXPECT_TRUE(std::isfinite(calibration.probability(0.5)));
 }
 
-TEST(Calibration, WithoutStrangersThePriorSpeaks) {
+TEST(Calibration, UsesThePriorWithoutImpostorScores) {
   const CalibrationPrior prior{0.2, 0.05, 0.6, 2};
   const auto calibration = fit_calibration({}, prior);
   EXPECT_EQ(calibration.impostor_people, 0);
@@ -103,7 +103,7 @@ TEST(Calibration, WithoutStrangersThePriorSpeaks) {
   EXPECT_THROW((void)fit_calibration({}, {0, 1, 0, 0}), std::invalid_argument);
 }
 
-TEST(Calibration, RefusesNonsense) {
+TEST(Calibration, RejectsInvalidInput) {
   ScoreSample sample = sample_of(3, 3, 2);
   sample.impostor[2] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THROW((void)fit_calibration(sample, {}), std::invalid_argument);

@@ -29,7 +29,7 @@ std::vector<std::string> names(int people, int images) {
   return out;
 }
 
-TEST(Split, TakesSoManyOfEachPersonAndNoImageTwice) {
+TEST(Split, TakesTheSameNumberOfEachPerson) {
   const auto labels = names(6, 8);
   const auto split = split_of(labels, 3, 4);
   EXPECT_EQ(split.training.size(), 18U);
@@ -45,12 +45,12 @@ TEST(Split, TakesSoManyOfEachPersonAndNoImageTwice) {
   EXPECT_NE(split_of(labels, 3, 5).training, split.training);
 }
 
-TEST(Split, IsThatOfNumpy) {
+TEST(Split, AgreesWithNumpy) {
   // RandomState(0).permutation(10)[:5] is 2 8 4 9 1.
   EXPECT_THAT(split_of(names(1, 10), 5, 0).training, testing::ElementsAre(1, 2, 4, 8, 9));
 }
 
-TEST(Split, FacesThatMayNotTrainAreAskedForAndChangeNoChoice) {
+TEST(Split, FacesThatMayNotTrainAreProbes) {
   // Two people with five faces each, and one more face each that may not train.
   std::vector<std::string> labels = names(2, 5);
   const Split without = split_of(labels, 3, 4);
@@ -64,7 +64,7 @@ TEST(Split, FacesThatMayNotTrainAreAskedForAndChangeNoChoice) {
   EXPECT_EQ(with.probes, probes);
 }
 
-TEST(Split, PeopleWhoAreNotEnrolledAreStrangers) {
+TEST(Split, EnrolsTheGivenNumberOfPeople) {
   const auto split = split_of(names(7, 4), 2, 1, 3);
   EXPECT_EQ(split.training.size(), 6U);  // three people
   EXPECT_EQ(split.probes.size(), 22U);
@@ -74,7 +74,7 @@ TEST(Split, PeopleWhoAreNotEnrolledAreStrangers) {
   EXPECT_EQ(count_people(names(7, 4)), 7);
 }
 
-TEST(Split, OfAGalleryTakesItsFacesAndNoOthers) {
+TEST(Split, GallerySplitEnrolsTheFirstFaces) {
   // Two images of each of four people are enrolled; three of each are probes.
   std::vector<std::string> labels = names(4, 2);
   const auto asked = names(4, 3);
@@ -96,7 +96,7 @@ TEST(Split, OfAGalleryTakesItsFacesAndNoOthers) {
   EXPECT_TRUE(split_of_gallery(labels, 20, 1).probes.empty());
 }
 
-TEST(AcceptRates, AgreeWithCountingByHand) {
+TEST(AcceptRates, MatchHandCounts) {
   // Of ten strangers one may be accepted at 10 %: the lowest threshold is just above the second
   // best.
   const auto rates =
@@ -110,7 +110,7 @@ TEST(AcceptRates, AgreeWithCountingByHand) {
   EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).auc, 0.5);
 }
 
-TEST(Evaluate, FiguresCurvesAndTablesAgree) {
+TEST(Evaluate, ResultsCurvesAndTablesAgree) {
   const auto set = synthetic_faces(6, 5, 0.3, 1);
   EvaluationOptions options;
   options.training = 2;
@@ -152,7 +152,7 @@ TEST(Evaluate, FiguresCurvesAndTablesAgree) {
                std::invalid_argument);
 }
 
-TEST(Evaluate, ProbesThatMayNotTrainAreCountedApart) {
+TEST(Evaluate, CountsUncertainProbesSeparately) {
   const auto set = synthetic_faces(5, 4, 0.3, 1);
   EvaluationOptions options;
   options.training = 2;
@@ -179,7 +179,7 @@ TEST(Evaluate, ProbesThatMayNotTrainAreCountedApart) {
   EXPECT_NEAR(result.rate(&SeedResult::uncertain_identified).value, 0.5, 1e-12);
 }
 
-TEST(Evaluate, AsksForWhatIsNotInTheGallery) {
+TEST(Evaluate, ProbesAreTheFacesOutsideTheGallery) {
   const auto set = synthetic_faces(5, 4, 0.3, 1);
   // The first image of each person is enrolled, in another order than the images of the probes.
   std::vector<cv::Mat> faces;
@@ -215,7 +215,7 @@ Background background_of_textures() {
   return learn_background(many.faces, options, quiet, {});
 }
 
-TEST(Evaluate, UsesTheBackgroundAsAGalleryDoes) {
+TEST(Evaluate, TrainsWithTheBackground) {
   const auto set = synthetic_faces(6, 5, 0.3, 1);
   const Background general = background_of_textures();
   EvaluationOptions options;
@@ -252,7 +252,7 @@ TEST(Evaluate, UsesTheBackgroundAsAGalleryDoes) {
   EXPECT_EQ(guessing.rate(&SeedResult::calibrated_false_accept_count).value, -1);
 }
 
-TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
+TEST(Evaluate, CountsAcceptsAtTheCalibratedThreshold) {
   const auto set = synthetic_faces(6, 6, 0.3, 1);
   const Background general = background_of_textures();
   EvaluationOptions options;
@@ -301,7 +301,7 @@ TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
   EXPECT_NEAR(identified.value, result.mean().accuracy, 1e-12);
 }
 
-TEST(Evaluate, EverybodyEnrolledLeavesNoStrangers) {
+TEST(Evaluate, OpenSetNeedsUnknownPeople) {
   const auto set = synthetic_faces(3, 3, 0.3, 1);
   EvaluationOptions options;
   options.training = 1;
@@ -339,7 +339,7 @@ TEST_F(FaceList, ReadsLabelsAndEyes) {
   EXPECT_EQ(*faces[1].right_eye, cv::Point2d(3, 4));
 }
 
-TEST_F(FaceList, NamesTheLineThatIsWrong) {
+TEST_F(FaceList, ErrorNamesTheLine) {
   EXPECT_THAT(refusal("a\tb\nc\n"), HasSubstr("line 2"));
   EXPECT_THAT(refusal("a\t\n"), HasSubstr("line 1"));
   EXPECT_THAT(refusal("a\tb\t1\t2\t3\n"), HasSubstr("line 1"));
@@ -350,7 +350,7 @@ TEST_F(FaceList, NamesTheLineThatIsWrong) {
   EXPECT_THROW((void)read_face_list(folder_), InputError);
 }
 
-TEST(OnOrl, FiguresAreThoseOfTheBook) {
+TEST(EvaluateOrl, AccuraciesMatchThePublishedOnes) {
   TARSIER_LONG_TEST();
   const char* data = std::getenv("TARSIER_DATA");
   const auto folder = std::filesystem::path(data == nullptr ? "" : data) / "orl";

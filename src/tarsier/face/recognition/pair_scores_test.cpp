@@ -18,7 +18,7 @@ namespace {
 
 // Faces of people who are held out from the background. Faces of one person are more similar, and
 // strangers reach the threshold no more often than stated.
-TEST(PairScores, TheThresholdHoldsForStrangers) {
+TEST(PairScores, FalseAcceptRateHoldsForHeldOutPeople) {
   const Background general = synthetic_background();
   const PairScores pairs = pair_scores(general);
   Rng rng(7);
@@ -58,7 +58,7 @@ TEST(PairScores, TheThresholdHoldsForStrangers) {
   EXPECT_GE(known, 0.8 * same);
 }
 
-TEST(PairScores, IsTheSameEachTimeAndNeedsDirections) {
+TEST(PairScores, IsDeterministicAndRequiresABasis) {
   const Background general = synthetic_background();
   EXPECT_EQ(recognizer_text(pair_scores(general).model),
             recognizer_text(pair_scores(general).model));
@@ -68,7 +68,7 @@ TEST(PairScores, IsTheSameEachTimeAndNeedsDirections) {
 }
 
 // A ruled-out face excludes that person if it is the nearest.
-TEST(Negatives, RuleAPersonOut) {
+TEST(Negatives, ExcludeAPerson) {
   const SyntheticFaces set = synthetic_faces(3, 3, 0.2, 7);
   NoProgress quiet;
   const std::vector<cv::Mat> faces{set.faces[0], set.faces[1], set.faces[3], set.faces[4]};

@@ -17,7 +17,7 @@ void blend_with_one(std::vector<cv::Mat>& faces) {
   for (cv::Mat& face : faces) cv::addWeighted(face, 0.5, common, 0.5, 0, face);
 }
 
-TEST(SameCameraAdjustment, PeopleBeforeOneCameraAreMoreAlike) {
+TEST(SameCameraAdjustment, ShiftIsGreaterForOneCamera) {
   const Background general = synthetic_background();
   SyntheticFaces set = synthetic_faces(8, 4, 0.3, 7);
   NoProgress quiet;
@@ -32,7 +32,7 @@ TEST(SameCameraAdjustment, PeopleBeforeOneCameraAreMoreAlike) {
 }
 
 // The estimated mean is that of the strangers' scores, independent of the constants.
-TEST(SameCameraAdjustment, TheShiftIsTheDifferenceOfTheMeans) {
+TEST(SameCameraAdjustment, ShiftIsTheDifferenceOfTheMeans) {
   const Background general = synthetic_background();
   const SyntheticFaces set = synthetic_faces(3, 2, 0.3, 7);
   NoProgress quiet;
@@ -52,7 +52,7 @@ TEST(SameCameraAdjustment, TheShiftIsTheDifferenceOfTheMeans) {
   EXPECT_NEAR(fit.adjustment.shift, expected, 1e-9);
 }
 
-TEST(SameCameraAdjustment, RefusesWhatItCannotFit) {
+TEST(SameCameraAdjustment, RejectsInvalidInput) {
   const Background general = synthetic_background();
   const SyntheticFaces set = synthetic_faces(3, 2, 0.3, 7);
   NoProgress quiet;

@@ -14,7 +14,7 @@
 namespace tarsier::face::recognition {
 namespace {
 
-TEST(LearningSample, TakesAllOfFewAndAnEvenChoiceOfMany) {
+TEST(TrainingSubset, SamplesEvenlyAboveTheLimit) {
   EXPECT_THAT(training_subset({0, 1, 1, 2}, 4), testing::ElementsAre(0, 1, 2, 3));
   std::vector<int> people;
   for (int i = 0; i < 10'000; ++i) people.push_back(i % 1000);  // ten images of each
@@ -35,7 +35,7 @@ TEST(LearningSample, TakesAllOfFewAndAnEvenChoiceOfMany) {
 }
 
 // If there are more faces than learning uses, each face still has its template.
-TEST(Training, FacesThatAreNotLearnedFromHaveTheirTemplates) {
+TEST(Training, FacesOutsideTheSubsetHaveTemplates) {
   const auto set = synthetic_faces(10, 4, 0.3, 1);
   NoProgress quiet;
   Training training(set.faces, set.labels, {}, nullptr, 20);
@@ -55,7 +55,7 @@ TEST(Training, FacesThatAreNotLearnedFromHaveTheirTemplates) {
   EXPECT_GE(right, 18);  // of 20
 }
 
-TEST(Training, StepsMakeTheSameModelAndEachIsSmall) {
+TEST(Training, StepsGiveTheModelOfTrain) {
   const auto set = synthetic_faces(6, 4, 0.3, 1);
   NoProgress quiet;
   const Recognizer at_once = train(set.faces, set.labels, {}, quiet, {});
@@ -76,7 +76,7 @@ TEST(Training, StepsMakeTheSameModelAndEachIsSmall) {
 }
 
 // It can be stopped between any two steps, not only while faces are described.
-TEST(Training, StopsInEachStage) {
+TEST(Training, CanBeInterruptedBeforeEachStep) {
   const auto set = synthetic_faces(6, 4, 0.3, 1);
   NoProgress quiet;
   for (int after = 0;; ++after) {
