@@ -153,10 +153,10 @@ TEST_F(GalleryModelTest, IdentifiesEnrolledPeopleOnly) {
       EXPECT_EQ(seen.label, "p" + std::to_string(p));
       EXPECT_GT(seen.confidence, 0.5);
     }
-    const Recognition stranger = identified(*model, 500);
-    EXPECT_FALSE(stranger.known);
-    EXPECT_FALSE(stranger.label.empty());
-    EXPECT_LT(stranger.confidence, 0.5);
+    const Recognition unknown = identified(*model, 500);
+    EXPECT_FALSE(unknown.known);
+    EXPECT_FALSE(unknown.label.empty());
+    EXPECT_LT(unknown.confidence, 0.5);
   }
 }
 

@@ -23,16 +23,16 @@ Background background() {
   return learn_background(many.faces, options, progress, {});
 }
 
-struct Rates {
-  double known = 0;
-  double strangers = 0;
+struct AcceptRates {
+  double true_accept_rate = 0;
+  double false_accept_rate = 0;
 };
 
 // Shares above the threshold for a false accept rate of 1 %: other images of the enrolled people,
-// and 30 strangers.
-Rates rates(const Recognizer& model, int enrolled) {
+// and of 30 unknown people.
+AcceptRates accept_rates(const Recognizer& model, int enrolled) {
   const SyntheticFaces known = synthetic_faces(enrolled, 6, 0.3, 77);
-  const SyntheticFaces others = synthetic_faces(30, 4, 0.3, 78, 200);
+  const SyntheticFaces unknown = synthetic_faces(30, 4, 0.3, 78, 200);
   const double threshold = model.calibration->threshold(0.01, enrolled);
   const auto share = [&](const SyntheticFaces& of) {
     double above = 0;
@@ -40,7 +40,7 @@ Rates rates(const Recognizer& model, int enrolled) {
       above += identify(model, face).front().score >= threshold ? 1 : 0;
     return above / static_cast<double>(of.faces.size());
   };
-  return {share(known), share(others)};
+  return {share(known), share(unknown)};
 }
 
 TEST(BackgroundTest, SmallGalleriesRejectImpostors) {
@@ -50,9 +50,9 @@ TEST(BackgroundTest, SmallGalleriesRejectImpostors) {
     const SyntheticFaces gallery = synthetic_faces(enrolled, 3, 0.3, 5);
     const Recognizer model = train(gallery.faces, gallery.labels, {}, progress, {}, &general);
     ASSERT_TRUE(model.calibration) << enrolled;
-    const Rates seen = rates(model, enrolled);
-    EXPECT_GT(seen.known, 0.9) << enrolled;
-    EXPECT_LE(seen.strangers, 0.03) << enrolled;
+    const AcceptRates measured = accept_rates(model, enrolled);
+    EXPECT_GT(measured.true_accept_rate, 0.9) << enrolled;
+    EXPECT_LE(measured.false_accept_rate, 0.03) << enrolled;
   }
 }
 
@@ -61,9 +61,9 @@ TEST(BackgroundTest, OneImageSuffices) {
   NoProgress progress;
   const SyntheticFaces gallery = synthetic_faces(1, 1, 0.3, 5);
   const Recognizer model = train(gallery.faces, gallery.labels, {}, progress, {}, &general);
-  const Rates seen = rates(model, 1);
-  EXPECT_GT(seen.known, 0.8);
-  EXPECT_LE(seen.strangers, 0.03);
+  const AcceptRates measured = accept_rates(model, 1);
+  EXPECT_GT(measured.true_accept_rate, 0.8);
+  EXPECT_LE(measured.false_accept_rate, 0.03);
 }
 
 TEST(BackgroundTest, IsDeterministic) {

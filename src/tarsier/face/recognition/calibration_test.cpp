@@ -19,21 +19,21 @@ double best_of(Rng& rng, int people) {
   return best;
 }
 
-ScoreSample sample_of(int people, int strangers, int each, std::uint64_t seed = 5) {
+ScoreSample sample_of(int people, int impostors, int each, std::uint64_t seed = 5) {
   Rng rng(seed);
   ScoreSample sample;
   sample.gallery = people;
-  for (int s = 0; s < strangers; ++s) {
+  for (int s = 0; s < impostors; ++s) {
     for (int k = 0; k < each; ++k) {
       sample.impostor.push_back(best_of(rng, people));
       sample.impostor_person.push_back(s);
     }
   }
-  for (int i = 0; i < strangers * each; ++i) sample.genuine.push_back(rng.normal(0.7, 0.1));
+  for (int i = 0; i < impostors * each; ++i) sample.genuine.push_back(rng.normal(0.7, 0.1));
   return sample;
 }
 
-// How often new strangers reach the thresholds of models that were each calibrated with few others.
+// How often new impostors reach the thresholds of models that were each calibrated with few others.
 double observed_rate(double rate, int fitted_people, int people) {
   double sum = 0;
   constexpr int kModels = 100;

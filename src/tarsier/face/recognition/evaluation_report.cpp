@@ -153,22 +153,21 @@ Curve cmc_curve(const EvaluationResult& result) {
 
 Curve roc_curve(const EvaluationResult& result) {
   std::vector<double> known;
-  std::vector<double> strangers;
+  std::vector<double> unknown;
   for (const auto& seed : result.seeds)
-    for (const auto& probe : seed.open_set)
-      (probe.known ? known : strangers).push_back(probe.score);
+    for (const auto& probe : seed.open_set) (probe.known ? known : unknown).push_back(probe.score);
   Curve curve;
-  if (known.empty() || strangers.empty()) return curve;
+  if (known.empty() || unknown.empty()) return curve;
   std::sort(known.begin(), known.end(), std::greater<>());
-  std::sort(strangers.begin(), strangers.end(), std::greater<>());
+  std::sort(unknown.begin(), unknown.end(), std::greater<>());
   std::size_t k = 0;
   std::size_t s = 0;
-  while (k < known.size() || s < strangers.size()) {
-    const double next = std::max(k < known.size() ? known[k] : strangers[s],
-                                 s < strangers.size() ? strangers[s] : known[k]);
+  while (k < known.size() || s < unknown.size()) {
+    const double next = std::max(k < known.size() ? known[k] : unknown[s],
+                                 s < unknown.size() ? unknown[s] : known[k]);
     while (k < known.size() && known[k] >= next) ++k;
-    while (s < strangers.size() && strangers[s] >= next) ++s;
-    curve.x.push_back(static_cast<double>(s) / static_cast<double>(strangers.size()));
+    while (s < unknown.size() && unknown[s] >= next) ++s;
+    curve.x.push_back(static_cast<double>(s) / static_cast<double>(unknown.size()));
     curve.y.push_back(static_cast<double>(k) / static_cast<double>(known.size()));
   }
   return curve;

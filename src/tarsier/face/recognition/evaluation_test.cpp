@@ -263,8 +263,8 @@ TEST(Evaluate, CountsAcceptsAtTheCalibratedThreshold) {
   const auto result = evaluate(set.faces, set.labels, {}, options, quiet, {}, &general);
   // Counts again from the probes, with the threshold of a newly trained model.
   Count known;
-  Count right;
-  Count strangers;
+  Count correct;
+  Count unknown;
   for (const SeedResult& seed : result.seeds) {
     const Split split = split_of(set.labels, 2, seed.seed, 3);
     std::vector<cv::Mat> faces;
@@ -276,18 +276,18 @@ TEST(Evaluate, CountsAcceptsAtTheCalibratedThreshold) {
     const Recognizer model = train(faces, labels, {}, quiet, {}, &general);
     const double threshold = model.calibration->threshold(0.05, 3);
     for (const ProbeResult& probe : seed.open_set) {
-      Count& count = probe.known ? known : strangers;
+      Count& count = probe.known ? known : unknown;
       ++count.trials;
       if (probe.score >= threshold) ++count.hits;
-      if (probe.known && probe.correct && probe.score >= threshold) ++right.hits;
+      if (probe.known && probe.correct && probe.score >= threshold) ++correct.hits;
     }
   }
   const Rate tar = result.rate(&SeedResult::calibrated_true_accept_count);
   const Rate far = result.rate(&SeedResult::calibrated_false_accept_count);
   EXPECT_EQ(tar.count.hits, known.hits);
   EXPECT_EQ(tar.count.trials, 3 * 3 * 4);
-  EXPECT_EQ(result.rate(&SeedResult::calibrated_correct_accept_count).count.hits, right.hits);
-  EXPECT_EQ(far.count.hits, strangers.hits);
+  EXPECT_EQ(result.rate(&SeedResult::calibrated_correct_accept_count).count.hits, correct.hits);
+  EXPECT_EQ(far.count.hits, unknown.hits);
   EXPECT_EQ(far.count.trials, 3 * 3 * 6);
   EXPECT_EQ(far.draws, 3);
   // The interval is that of the 12 probes of one split, since further splits add no new images.

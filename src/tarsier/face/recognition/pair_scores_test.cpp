@@ -42,20 +42,20 @@ TEST(PairScores, FalseAcceptRateHoldsForHeldOutPeople) {
   }
   const Rows templates = templates_of_coordinates(pairs.model, general, coordinates);
   const double threshold = pairs.model.calibration->threshold(0.01, 1);
-  int strangers = 0;
-  int accepted = 0;
-  int same = 0;
-  int known = 0;
+  int impostor_pairs = 0;
+  int false_accepts = 0;
+  int genuine_pairs = 0;
+  int true_accepts = 0;
   for (Eigen::Index i = 0; i < templates.rows(); ++i) {
     for (Eigen::Index j = 0; j < i; ++j) {
-      const bool over = templates.row(i).dot(templates.row(j)) >= threshold;
-      const bool one = who[static_cast<std::size_t>(i)] == who[static_cast<std::size_t>(j)];
-      (one ? same : strangers) += 1;
-      (one ? known : accepted) += over ? 1 : 0;
+      const bool accepted = templates.row(i).dot(templates.row(j)) >= threshold;
+      const bool genuine = who[static_cast<std::size_t>(i)] == who[static_cast<std::size_t>(j)];
+      (genuine ? genuine_pairs : impostor_pairs) += 1;
+      (genuine ? true_accepts : false_accepts) += accepted ? 1 : 0;
     }
   }
-  EXPECT_LE(accepted, 0.02 * strangers);
-  EXPECT_GE(known, 0.8 * same);
+  EXPECT_LE(false_accepts, 0.02 * impostor_pairs);
+  EXPECT_GE(true_accepts, 0.8 * genuine_pairs);
 }
 
 TEST(PairScores, IsDeterministicAndRequiresABasis) {

@@ -164,9 +164,9 @@ TEST(DefaultRecognizer, ThresholdRejectsImpostors) {
   ASSERT_TRUE(model.calibration);
   EXPECT_EQ(model.calibration->impostor_people, 10);
   const double threshold = model.calibration->threshold(0.01, 10);
-  const auto strangers = synthetic_faces(40, 3, 0.4, 2, 100);
+  const auto impostors = synthetic_faces(40, 3, 0.4, 2, 100);
   int accepted = 0;
-  for (const auto& face : strangers.faces)
+  for (const auto& face : impostors.faces)
     if (identify(model, face).front().score >= threshold) ++accepted;
   EXPECT_LE(accepted, 4);  // 1 % of 120, with a margin for chance
   int known = 0;
