@@ -60,7 +60,7 @@ class Watch {
 };
 
 // Synthetic faces of the shipped appearance model with random parameters, one person per number.
-// They are cropped as by cut_face(). Images of one person differ in light, position and noise.
+// They are cropped as by crop_face(). Images of one person differ in light, position and noise.
 class DrawnPeople {
  public:
   explicit DrawnPeople(const face::appearance::AppearanceModel& model)
@@ -73,7 +73,7 @@ class DrawnPeople {
     const cv::Mat portrait = synthesis_.portrait(face.b, face.c, {230, 270}, &points);
     cv::Mat gray;
     cv::cvtColor(portrait, gray, cv::COLOR_BGR2GRAY);
-    const cv::Mat crop = face::people::cut_face(gray, face::people::eyes_of_points(points));
+    const cv::Mat crop = face::people::crop_face(gray, face::people::eyes_from_landmarks(points));
     std::vector<cv::Mat> out;
     for (int k = first; k < first + count; ++k) {
       Rng rng = Rng(seed + 1).fork(static_cast<std::uint64_t>(k));
@@ -82,7 +82,7 @@ class DrawnPeople {
       const double degrees = 2 * rng.normal();
       const double growth = 1 + 0.02 * rng.normal();
       out.push_back(face::recognition::relit_face(
-          face::recognition::moved_face(crop, dx, dy, degrees, growth), 0.6, rng()));
+          face::recognition::transformed_face(crop, dx, dy, degrees, growth), 0.6, rng()));
     }
     return out;
   }
@@ -131,7 +131,7 @@ class PeopleBench {
     const std::string name = fmt::format("{} faces: ", size);
     const Scratch scratch;
     face::people::Gallery gallery(scratch / "people.db");
-    face::people::TemplateMaker maker(gallery, &background_);
+    face::people::TemplateExtractor maker(gallery, &background_);
     const std::int64_t alone = std::min<std::int64_t>(1000, std::max<std::int64_t>(1, size / 5));
     fill(gallery, size - alone);
     // The last ones are enrolled as by a user: one after the other, each on the disk before the
@@ -150,14 +150,15 @@ class PeopleBench {
     report(name + "enrol one more", each);
 
     Watch watch;
-    auto model = face::people::load_gallery_model(
-        gallery, &background_, true, face::people::Learn::kNow, *context_.progress, context_.stop);
+    auto model = face::people::load_gallery_model(gallery, &background_, true,
+                                                  face::people::TrainingPolicy::kAlways,
+                                                  *context_.progress, context_.stop);
     report(name + "learn again (train)", {watch.took()});
     model.reset();
     watch = {};
-    model =
-        face::people::load_gallery_model(gallery, &background_, true, face::people::Learn::kWhenDue,
-                                         *context_.progress, context_.stop);
+    model = face::people::load_gallery_model(gallery, &background_, true,
+                                             face::people::TrainingPolicy::kIfNeeded,
+                                             *context_.progress, context_.stop);
     report(name + "read the model and all templates", {watch.took()});
     const Recognizer& recognizer = model->recognizer;
     std::vector<cv::Mat> probes;
@@ -188,7 +189,7 @@ class PeopleBench {
     line({{"bench", "people"},
           {"case", name + "in all"},
           {"proven", forgotten && forgotten->proven()},
-          {"pieces", forgotten ? forgotten->pieces : 0},
+          {"pieces", forgotten ? forgotten->total_pieces : 0},
           {"file_mb",
            rounded(static_cast<double>(std::filesystem::file_size(scratch / "people.db", ignored)) /
                        1e6,
@@ -322,9 +323,9 @@ std::int64_t faces_of(const std::string& text) {
   std::int64_t value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc() || end != text.data() + text.size() ||
-      value <= face::people::kLearnedWhole || value > 10'000'000)
+      value <= face::people::kMaxSmallGalleryFaces || value > 10'000'000)
     throw UsageError(fmt::format("--size {}: for people a number of faces from {} to 10000000",
-                                 text, face::people::kLearnedWhole + 1));
+                                 text, face::people::kMaxSmallGalleryFaces + 1));
   return value;
 }
 

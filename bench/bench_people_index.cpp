@@ -181,7 +181,7 @@ void fill_gallery(face::people::Gallery& gallery, const DrawnTemplates& drawn, s
 
 void bench_indexed_gallery(Context& context, const face::recognition::Background& background,
                            std::int64_t count, double spread, const std::string& folder) {
-  using face::people::Searching;
+  using face::people::SearchMode;
   constexpr int kProbes = 500;
   const std::string name = fmt::format("{} faces, spread {}: ", count, spread);
   const auto tell = [&](const std::string& what, nlohmann::ordered_json figures) {
@@ -196,8 +196,9 @@ void bench_indexed_gallery(Context& context, const face::recognition::Background
   fill_gallery(gallery, drawn, space, count, context);
   tell("enrol", {{"seconds", rounded(seconds_since(start), 4)}});
   start = Clock::now();
-  (void)face::people::load_gallery_model(gallery, &background, true, face::people::Learn::kWhenDue,
-                                         *context.progress, context.stop, Searching::kNothing);
+  (void)face::people::load_gallery_model(gallery, &background, true,
+                                         face::people::TrainingPolicy::kIfNeeded, *context.progress,
+                                         context.stop, SearchMode::kNone);
   tell("learn", {{"seconds", rounded(seconds_since(start), 4)}});
   start = Clock::now();
   const auto report =
@@ -206,14 +207,14 @@ void bench_indexed_gallery(Context& context, const face::recognition::Background
                            {"cells", report.index.cells},
                            {"file_mb", rounded(static_cast<double>(report.index.bytes) / 1e6, 4)},
                            {"memory_mb", std::round(peak_memory())}});
-  const auto open = [&](Searching searching) {
+  const auto open = [&](SearchMode search_mode) {
     start = Clock::now();
-    auto model =
-        face::people::load_gallery_model(gallery, &background, true, face::people::Learn::kWhenDue,
-                                         *context.progress, context.stop, searching);
-    tell(searching == Searching::kAll ? "open, exact" : "open, by the index",
+    auto model = face::people::load_gallery_model(gallery, &background, true,
+                                                  face::people::TrainingPolicy::kIfNeeded,
+                                                  *context.progress, context.stop, search_mode);
+    tell(search_mode == SearchMode::kExhaustive ? "open, exact" : "open, by the index",
          {{"seconds", rounded(seconds_since(start), 4)}});
-    return face::people::GalleryFollower(gallery, &background, std::move(model), searching);
+    return face::people::GalleryFollower(gallery, &background, std::move(model), search_mode);
   };
   std::vector<DrawnTemplates::Image> images;
   for (int k = 0; k < kProbes; ++k) {
@@ -221,9 +222,9 @@ void bench_indexed_gallery(Context& context, const face::recognition::Background
     images.push_back({(1LL << 41) + k, 0});
   }
   std::vector<face::people::Recognition> answers[2];
-  for (const Searching searching : {Searching::kByIndex, Searching::kAll}) {
-    const bool by_index = searching == Searching::kByIndex;
-    face::people::GalleryFollower follower = open(searching);
+  for (const SearchMode search_mode : {SearchMode::kIndexed, SearchMode::kExhaustive}) {
+    const bool by_index = search_mode == SearchMode::kIndexed;
+    face::people::GalleryFollower follower = open(search_mode);
     const face::recognition::CoordinateProjection projection(*follower.recognizer(), background);
     const Rows probes = projection(drawn.coordinates(images));
     std::vector<double> ms;

@@ -83,8 +83,8 @@ Rows DrawnTemplates::coordinates(std::span<const Image> images) const {
   out.leftCols(m) =
       people + static_cast<float>(spread_) * face::recognition::products(chance, within_);
   // The part outside the directions: many small numbers, whose sum hardly varies.
-  out.col(m).setConstant(
-      static_cast<float>(background_->outside + spread_ * spread_ * background_->within_rest));
+  out.col(m).setConstant(static_cast<float>(
+      background_->residual_variance + spread_ * spread_ * background_->within_residual_variance));
   return out;
 }
 

@@ -20,15 +20,15 @@ int main(int argc, char** argv) try {
   }
   tarsier::face::ProposalRequest request;
   if (std::string(argv[1]).ends_with(".json")) {
-    request.so_far = tarsier::face::shape::read_landmark_set(argv[1]);
+    request.annotated = tarsier::face::shape::read_landmark_set(argv[1]);
   } else {
     const cv::Mat image = tarsier::read_gray_image(argv[1]);
-    request.so_far.samples.resize(1);
-    request.so_far.samples[0].image = argv[1];
-    request.so_far.samples[0].points.resize(2, 5);
-    request.so_far.samples[0].points << 0.45, 0.55, 0.5, 0.45, 0.55, 0.45, 0.45, 0.5, 0.55, 0.55;
-    request.so_far.samples[0].points.row(0) *= image.cols;
-    request.so_far.samples[0].points.row(1) *= image.rows;
+    request.annotated.samples.resize(1);
+    request.annotated.samples[0].image = argv[1];
+    request.annotated.samples[0].points.resize(2, 5);
+    request.annotated.samples[0].points << 0.45, 0.55, 0.5, 0.45, 0.55, 0.45, 0.45, 0.5, 0.55, 0.55;
+    request.annotated.samples[0].points.row(0) *= image.cols;
+    request.annotated.samples[0].points.row(1) *= image.rows;
   }
   request.gray = tarsier::read_gray_image(argv[2]);
   const auto proposal = tarsier::face::Annotator().propose(request);

@@ -253,12 +253,12 @@ TEST(FrameCells, NameImagesAloneAndQuoteThem) {
 
 TEST(FaceRows, AreOneAFaceWithAsManyCellsAsColumns) {
   const auto cells = [](const std::string& line) { return csv_fields(line).value().size(); };
-  std::vector<face::NamedFace> faces(2);
+  std::vector<face::IdentifiedFace> faces(2);
   faces[0].face.id = 7;
   faces[0].face.box = {10.4, 20.6, 30, 40};
-  faces[0].name.label = "=Ann, B";
-  faces[0].name.confidence = 0.75;
-  faces[0].name.known = true;
+  faces[0].identity.label = "=Ann, B";
+  faces[0].identity.confidence = 0.75;
+  faces[0].identity.known = true;
   const std::vector<std::string> rows = face_rows({}, faces);
   ASSERT_EQ(rows.size(), 2U);
   EXPECT_EQ(rows[0], "0,0.000,,7,\"'=Ann, B\",0.7500,1,10,21,30,40");

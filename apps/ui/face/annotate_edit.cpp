@@ -223,13 +223,13 @@ std::optional<Matrix2Xd> AnnotateSession::proposal() {
   const int near = nearest_done(current_);
   for (int k = 0; k < state_.images(); ++k) {
     if (!state_.image(k).done || k == current_) continue;
-    if (k == near) request.nearest = static_cast<int>(request.so_far.samples.size());
+    if (k == near) request.nearest = static_cast<int>(request.annotated.samples.size());
     face::shape::LandmarkSample sample;
     sample.image = state_.image(k).path;
     sample.points = state_.image(k).points;
     for (int i = 0; i < state_.points(); ++i)
       if (!state_.image(k).is_shown(i)) sample.points.col(i).setConstant(std::nan(""));
-    request.so_far.samples.push_back(std::move(sample));
+    request.annotated.samples.push_back(std::move(sample));
   }
   std::optional<Matrix2Xd> points = propose_(request);
   if (points && (points->cols() != state_.points() || !points->allFinite())) points.reset();

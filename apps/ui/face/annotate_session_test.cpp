@@ -347,7 +347,7 @@ TEST_F(AnnotateSessionTest, ProposalsComeFromWhatIsDone) {
       [&](const face::ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
     ++calls;
     last = request;
-    Eigen::Matrix2Xd points = request.so_far.samples[0].points;
+    Eigen::Matrix2Xd points = request.annotated.samples[0].points;
     points.array() += 7;
     return points;
   };
@@ -360,10 +360,10 @@ TEST_F(AnnotateSessionTest, ProposalsComeFromWhatIsDone) {
   EXPECT_EQ(calls, 1);
   EXPECT_NEAR(point(session, 1, 0).x(), 47, 1e-6);
   EXPECT_FALSE(view.state.at("agreed"));
-  EXPECT_EQ(last.so_far.samples.size(), 1u);
+  EXPECT_EQ(last.annotated.samples.size(), 1u);
   press(session, key::kEnter);
   session.on_idle({});
-  EXPECT_EQ(last.so_far.samples.size(), 2u);
+  EXPECT_EQ(last.annotated.samples.size(), 2u);
   EXPECT_EQ(last.nearest, 1);
   press(session, 'p');
   EXPECT_EQ(calls, 2) << "what has points is not proposed again";
@@ -377,8 +377,8 @@ TEST_F(AnnotateSessionTest, ProposalsComeFromWhatIsDone) {
 TEST_F(AnnotateSessionTest, AProposalNobodyTouchedGivesWayToABetterOne) {
   const Propose propose =
       [](const face::ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
-    Eigen::Matrix2Xd points = request.so_far.samples[0].points;
-    points.array() += static_cast<double>(request.so_far.samples.size());
+    Eigen::Matrix2Xd points = request.annotated.samples[0].points;
+    points.array() += static_cast<double>(request.annotated.samples.size());
     return points;
   };
   AnnotateSession session(options_, propose);

@@ -89,7 +89,7 @@ cv::Rect PeopleSession::panel_area() const {
 std::string PeopleSession::prompt() const {
   if (mode_ != PeopleMode::kCollect) return "";
   if (faces_.empty()) return "No face to be seen";
-  return kPrompts[static_cast<std::size_t>(collector_.taken()) % kPrompts.size()];
+  return kPrompts[static_cast<std::size_t>(collector_.accepted()) % kPrompts.size()];
 }
 
 std::string PeopleSession::help_line() const {
@@ -102,7 +102,7 @@ std::string PeopleSession::help_line() const {
     case PeopleMode::kCollect:
       return fmt::format("Taking faces of {}: {} so far. Click elsewhere to end and train",
                          printable(people_[static_cast<std::size_t>(collecting_)].name),
-                         collector_.taken());
+                         collector_.accepted());
     case PeopleMode::kTrain:
       return "Training ..";
     case PeopleMode::kRecognize:
@@ -135,9 +135,10 @@ void PeopleSession::draw_strip() {
     } else {
       put(shown_, face_thumbnail(person.latest, kThumb), box.tl());
     }
-    const bool seen = std::any_of(faces_.begin(), faces_.end(), [&](const face::NamedFace& face) {
-      return face.name.known && face.name.label == person.name;
-    });
+    const bool seen =
+        std::any_of(faces_.begin(), faces_.end(), [&](const face::IdentifiedFace& face) {
+          return face.identity.known && face.identity.label == person.name;
+        });
     const cv::Rect rim(box.x - 3, box.y - 3, box.width + 6, box.height + 6);
     if (static_cast<int>(i) == collecting_) cv::rectangle(shown_, rim, kRed, 3);
     if (seen) cv::rectangle(shown_, rim, kGreen, 3);
@@ -183,9 +184,9 @@ void PeopleSession::draw_preprocessed() {
 
 // Shows the confidence for the largest face, with the threshold as a line.
 void PeopleSession::draw_confidence() {
-  if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().name.label.empty())
+  if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().identity.label.empty())
     return;
-  const face::people::Recognition& name = faces_.front().name;
+  const face::people::Recognition& name = faces_.front().identity;
   const cv::Size size = image_size();
   const cv::Rect box(size.width - 30, size.height / 2 - 90, 16, 180);
   image::draw::fill_rounded(shown_, box, 4, kGround, 0.8);
@@ -211,7 +212,7 @@ void PeopleSession::draw_debug() {
   } kept;
   const face::people::Face& face = faces_.front().face;
   kept.image("aligned", face.crop);
-  (void)face::people::classical_face(face.crop, face::people::CutOptions(), {}, &kept);
+  (void)face::people::classical_face(face.crop, face::people::CropOptions(), {}, &kept);
   kept.image("light taken out",
              face::recognition::light_image(face::recognition::tan_triggs(face.crop)));
   const cv::Size size = image_size();
@@ -221,11 +222,12 @@ void PeopleSession::draw_debug() {
       fmt::format("eyes {:.0f} px  sharp {:.2f}  turn {:+.2f}  tilt {:+.2f}  light {:.0f}",
                   face.quality.eye_distance, face.quality.sharpness, face.quality.turn,
                   face.quality.tilt, face.quality.light);
-  for (const std::string& flaw : face::people::problems(face.quality, options_.collect.gate))
+  for (const std::string& flaw :
+       face::people::quality_problems(face.quality, options_.collect.gate))
     text += "  " + flaw;
-  if (!faces_.front().name.label.empty())
-    text += fmt::format("  score {:.3f}, threshold {:.3f}", faces_.front().name.score,
-                        faces_.front().name.threshold);
+  if (!faces_.front().identity.label.empty())
+    text += fmt::format("  score {:.3f}, threshold {:.3f}", faces_.front().identity.score,
+                        faces_.front().identity.threshold);
   image::draw::put_text(shown_, text, {10, size.height - 148}, {.height_px = 9},
                         image::draw::Anchor::kBottomLeft);
 }
@@ -236,7 +238,7 @@ nlohmann::json PeopleSession::state() const {
     people.push_back({{"name", person.name}, {"faces", person.faces}});
   nlohmann::json recognized = nlohmann::json::array();
   for (std::size_t i = 0; i < faces_.size(); ++i) {
-    const face::people::Recognition& name = faces_[i].name;
+    const face::people::Recognition& name = faces_[i].identity;
     recognized.push_back(
         {{"label", name.label.empty() ? nlohmann::json() : nlohmann::json(name.label)},
          {"known", name.known},
@@ -277,7 +279,7 @@ View PeopleSession::view(bool fresh) {
       if (mode_ != PeopleMode::kRecognize) {
         frame_.copyTo(output_);  // no names yet: only boxes and eyes
         for (std::size_t i = 0; i < faces_.size(); ++i) {
-          const face::NamedFace& face = faces_[i];
+          const face::IdentifiedFace& face = faces_[i];
           if (group(i) > 0) {
             draw_named_face(output_, face, group(i));
             continue;

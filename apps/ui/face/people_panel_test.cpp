@@ -23,13 +23,13 @@ class PeoplePanelTest : public FolderTest {
  protected:
   void SetUp() override {
     gallery_.emplace(path("p.db"));
-    std::vector<face::people::Gallery::Placed> placed;
+    std::vector<face::people::Gallery::SightingAssignment> assignments;
     for (int i = 0; i < 5; ++i) {
-      const face::people::SeenFace seen{crop(i), 0.5 + 0.05 * i, "{}"};
+      const face::people::SightingFace seen{crop(i), 0.5 + 0.05 * i, "{}"};
       const std::int64_t id = gallery_->add_sighting(1000 + i, "camera", "", false, 0, &seen);
-      placed.push_back({id, i < 3 ? 1 : 2, {}});
+      assignments.push_back({id, i < 3 ? 1 : 2, {}});
     }
-    ASSERT_TRUE(gallery_->place(placed, 3, gallery_->generation()));
+    ASSERT_TRUE(gallery_->store_assignments(assignments, 3, gallery_->generation()));
     for (int i = 0; i < 2; ++i) gallery_->enroll("Ann", "", stored(10 + i));
     panel_.emplace(*gallery_,
                    PeoplePanel::Options{[] {

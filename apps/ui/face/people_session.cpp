@@ -75,7 +75,7 @@ void PeopleSession::load_people() {
 }
 
 View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (source_of(frame) != collected_from_) collector_.restart();
+  if (source_of(frame) != collected_from_) collector_.reset();
   collected_from_ = source_of(frame);
   source_name_ = frame.name;
   source_ = trouble_of(source);
@@ -91,14 +91,14 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   timer_.start();
   faces_ = identifier_.find(frame, identity_, watched(debug_sink_));
   std::stable_sort(faces_.begin(), faces_.end(),
-                   [](const face::NamedFace& a, const face::NamedFace& b) {
+                   [](const face::IdentifiedFace& a, const face::IdentifiedFace& b) {
                      return a.face.box.area() > b.face.box.area();
                    });
   if (mode_ == PeopleMode::kCollect && !faces_.empty() &&
       collector_.offer(faces_.front().face, frame.time, !frame.still).empty()) {
     collect();
   }
-  if (mode_ == PeopleMode::kRecognize) identifier_.name(faces_, identity_);
+  if (mode_ == PeopleMode::kRecognize) identifier_.identify(faces_, identity_);
   find_groups();
   timer_.stop();
   place_more();
@@ -116,13 +116,13 @@ void PeopleSession::collect() {
   person.latest = face.crop;
   flash_ = kFlashFrames;
   message_.clear();
-  if (collector_.taken() >= options_.max_faces) end_collecting();
+  if (collector_.accepted() >= options_.max_faces) end_collecting();
 }
 
 // Starts training. An existing model is used meanwhile.
 void PeopleSession::train() {
-  training_.emplace(gallery_, identity_.background(), true, face::people::Learn::kWhenDue,
-                    face::people::Searching::kByIndex);
+  training_.emplace(gallery_, identity_.background(), true, face::people::TrainingPolicy::kIfNeeded,
+                    face::people::SearchMode::kIndexed);
   mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kTrain;
 }
 
@@ -149,7 +149,7 @@ void PeopleSession::learn() {
 
 // Follows changes of the gallery, here or by other programs.
 void PeopleSession::follow() {
-  if (identity_.recognizer() == nullptr || !identity_.follow()) return;
+  if (identity_.recognizer() == nullptr || !identity_.update()) return;
   if (people_changed()) reload_people();
   if (mode_ == PeopleMode::kRecognize && identity_.recognizer() == nullptr)
     mode_ = PeopleMode::kDetect;
@@ -229,22 +229,23 @@ void PeopleSession::act(const std::string& name) {
 
 // The largest named face, or the one that would be named, is not that person.
 void PeopleSession::not_this_person() {
-  if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().name.label.empty()) {
+  if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().identity.label.empty()) {
     message_ = "nobody is named: there is nothing to correct";
     return;
   }
-  face::NamedFace& face = faces_.front();
-  const face::people::SeenFace seen{face.face.crop, face.face.quality.score(),
-                                    face::people::quality_json(face.face.quality).dump()};
+  face::IdentifiedFace& face = faces_.front();
+  const face::people::SightingFace seen{face.face.crop, face.face.quality.score(),
+                                        face::people::quality_json(face.face.quality).dump()};
   try {
-    corrections_.push_back(gallery_.not_this_person(face.name.label, seen, source_name_, stamp()));
-    message_ = fmt::format("Not {}: noted (u takes it back)", printable(face.name.label));
+    corrections_.push_back(
+        gallery_.not_this_person(face.identity.label, seen, source_name_, stamp()));
+    message_ = fmt::format("Not {}: noted (u takes it back)", printable(face.identity.label));
   } catch (const InputError& error) {  // forgotten meanwhile
     message_ = error.what();
   }
   follow();
-  identity_.forget_frames();
-  face.name = {};
+  identity_.clear_pooled_templates();
+  face.identity = {};
 }
 
 void PeopleSession::undo() {
@@ -333,9 +334,9 @@ void PeopleSession::delete_all() {
   } else if (report->proven()) {
     message_ = fmt::format("all are deleted; {} files searched, nothing is left",
                            report->search.files.size());
-  } else if (!report->search.found.empty()) {
-    message_ =
-        "all are deleted, but copies of faces are left: " + printable(report->search.found.front());
+  } else if (!report->search.files_with_pieces.empty()) {
+    message_ = "all are deleted, but copies of faces are left: " +
+               printable(report->search.files_with_pieces.front());
   } else {
     message_ = "all are deleted; that no copy is left could not be proven";
   }

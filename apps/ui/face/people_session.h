@@ -82,7 +82,7 @@ class PeopleSession final : public Session {
 
   [[nodiscard]] PeopleMode mode() const { return mode_; }
   [[nodiscard]] face::people::Gallery& gallery() const { return gallery_; }
-  [[nodiscard]] const std::vector<face::NamedFace>& faces() const { return faces_; }
+  [[nodiscard]] const std::vector<face::IdentifiedFace>& faces() const { return faces_; }
   // The group of each of faces() while it is unknown; 0: none.
   [[nodiscard]] const std::vector<std::int64_t>& groups() const { return groups_; }
   [[nodiscard]] const PeoplePanel& panel() const { return panel_; }
@@ -151,7 +151,7 @@ class PeopleSession final : public Session {
   face::people::Collector collector_;
   PeopleMode mode_ = PeopleMode::kStart;
   std::vector<Enrolled> people_;
-  std::vector<face::NamedFace> faces_;
+  std::vector<face::IdentifiedFace> faces_;
   int collecting_ = -1;  // index into people_
   std::string pending_;  // name of a person without a face; then the last of people_
   std::string message_;

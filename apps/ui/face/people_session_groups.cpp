@@ -50,13 +50,14 @@ void PeopleSession::place_unknown() {
 void PeopleSession::place_more() {
   if (!grouping_) return;
   if (grouping_->step({}, kPlaced)) {
-    waiting_ = grouping_->waiting();
+    waiting_ = grouping_->pending();
     return;
   }
   const face::people::GroupingReport report = grouping_->report();
   grouping_.reset();
-  message_ = fmt::format("{} unknown face{} placed, {} new group{}", report.placed,
-                         report.placed == 1 ? "" : "s", report.made, report.made == 1 ? "" : "s");
+  message_ = fmt::format("{} unknown face{} placed, {} new group{}", report.assigned,
+                         report.assigned == 1 ? "" : "s", report.new_groups,
+                         report.new_groups == 1 ? "" : "s");
   for (auto& [id, face] : followed_) face.looked = 0;
   finder_generation_ = -1;
   count_unknown();
@@ -73,18 +74,18 @@ void PeopleSession::find_groups() {
   if (has_groups) {
     if (!finder_) finder_.emplace(gallery_, *background);
     if (const std::int64_t now = gallery_.generation(); now != finder_generation_) {
-      finder_->reread();
+      finder_->invalidate();
       finder_generation_ = now;
       for (auto& [id, face] : followed_) face.looked = 0;
     }
   }
   const bool names = mode_ == PeopleMode::kRecognize || mode_ == PeopleMode::kDetect;
   for (std::size_t i = 0; i < faces_.size(); ++i) {
-    const face::NamedFace& face = faces_[i];
+    const face::IdentifiedFace& face = faces_[i];
     Followed one;
     if (const auto old = followed_.find(face.face.id); face.face.id > 0 && old != followed_.end())
       one = old->second;
-    if (names && !face.name.known && has_groups) {
+    if (names && !face.identity.known && has_groups) {
       if (one.looked == 0) {
         one.group = 0;
         if (one.sighting > 0)
@@ -125,7 +126,7 @@ void PeopleSession::corrected() {
   reload_people();
   count_unknown();
   panel_.refresh();
-  identity_.forget_frames();
+  identity_.clear_pooled_templates();
   if (mode_ == PeopleMode::kCollect || training_) return;
   const bool somebody = gallery_.face_count_up_to(1) > 0;
   if (!somebody) {

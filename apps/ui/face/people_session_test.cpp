@@ -117,7 +117,7 @@ TEST_F(PeopleSessionTest, WhoIsLearnedIsNamedFromTheFirstFrameOn) {
   NoProgress quiet;
   face::people::GalleryFollower follower(
       gallery, nullptr,
-      face::learn_gallery(gallery, nullptr, face::people::Learn::kWhenDue, quiet, {}));
+      face::train_gallery(gallery, nullptr, face::people::TrainingPolicy::kIfNeeded, quiet, {}));
   PeopleSession session(face::IdentifierState(reader(), follower), {});
   EXPECT_EQ(session.on_frame(frame(empty_, 0), live_).state["mode"], "recognize");
   EXPECT_THROW(PeopleSession(face::IdentifierState(reader(), nullptr), {}), std::invalid_argument);
@@ -281,7 +281,7 @@ TEST_F(PeopleSessionTest, UnknownFacesAreGroupedAndNamedInTheWindow) {
   EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("no unknown face"));
   // The host keeps who was seen.
   const face::people::Face& seen = session.faces().at(0).face;
-  const face::people::SeenFace kept{seen.crop.clone(), seen.quality.score(), "{}"};
+  const face::people::SightingFace kept{seen.crop.clone(), seen.quality.score(), "{}"};
   session.stored(seen.id, gallery.add_sighting(1000, "camera", "", false, 0, &kept));
   view = session.on_frame(frame(image, 1), live_);
   EXPECT_EQ(view.state["unknown"]["waiting"], 1);
@@ -392,14 +392,14 @@ TEST_F(PeopleSessionTest, WhoIsForgottenByAnotherProgramIsNamedNoMore) {
   NoProgress quiet;
   face::people::GalleryFollower follower(
       gallery, nullptr,
-      face::people::load_gallery_model(gallery, nullptr, true, face::people::Learn::kWhenDue, quiet,
-                                       {}));
+      face::people::load_gallery_model(gallery, nullptr, true,
+                                       face::people::TrainingPolicy::kIfNeeded, quiet, {}));
   RecognizeSession session(face::Identifier({}, true), face::IdentifierState(reader(), follower));
   const auto see = [&](std::size_t face) {
     Frame shown = frame({}, 0);
     cv::cvtColor(set.faces[face], shown.image, cv::COLOR_GRAY2BGR);
     (void)session.on_frame(shown, live_);
-    return session.faces().at(0).name;
+    return session.faces().at(0).identity;
   };
   EXPECT_EQ(see(0).label, "p0");
   EXPECT_TRUE(see(0).known);
@@ -410,7 +410,7 @@ TEST_F(PeopleSessionTest, WhoIsForgottenByAnotherProgramIsNamedNoMore) {
   // Also while the source stalls and its last frame is shown.
   ASSERT_TRUE(other.forget("p1", {}));
   (void)session.on_idle(live_);
-  EXPECT_EQ(session.faces().at(0).name.label, "");
+  EXPECT_EQ(session.faces().at(0).identity.label, "");
   ASSERT_TRUE(other.forget_all({}));
   EXPECT_EQ(see(8).label, "");
 }

@@ -18,8 +18,8 @@ const cv::Scalar kUnknown{190, 190, 190};
 
 }  // namespace
 
-void draw_named_face(cv::Mat& image, const face::NamedFace& face, std::int64_t group) {
-  const cv::Scalar color = face.name.known ? kKnown : kUnknown;
+void draw_named_face(cv::Mat& image, const face::IdentifiedFace& face, std::int64_t group) {
+  const cv::Scalar color = face.identity.known ? kKnown : kUnknown;
   const int width = std::max(1, cvRound(std::min(image.cols, image.rows) / 300.0));
   const cv::Rect box(cvRound(face.face.box.x), cvRound(face.face.box.y),
                      cvRound(face.face.box.width), cvRound(face.face.box.height));
@@ -30,11 +30,11 @@ void draw_named_face(cv::Mat& image, const face::NamedFace& face, std::int64_t g
                cv::LINE_AA);
   const std::string nobody = group > 0 ? fmt::format("group {}", group) : "unknown";
   std::string text = nobody;
-  if (!face.name.label.empty()) {
-    const std::string shown = printable(face.name.label).substr(0, 40);
-    text = face.name.known
-               ? fmt::format("{} {:.0f} %", shown, 100 * face.name.confidence)
-               : fmt::format("{} ({} {:.0f} %)", nobody, shown, 100 * face.name.confidence);
+  if (!face.identity.label.empty()) {
+    const std::string shown = printable(face.identity.label).substr(0, 40);
+    text = face.identity.known
+               ? fmt::format("{} {:.0f} %", shown, 100 * face.identity.confidence)
+               : fmt::format("{} ({} {:.0f} %)", nobody, shown, 100 * face.identity.confidence);
   }
   if (!face.face.trusted) text = "uncertain face: " + text;
   image::draw::TextStyle style;
@@ -62,14 +62,14 @@ void RecognizeSession::process(const Frame& frame) {
 
 bool RecognizeSession::idle() {
   // The last frame of a stalled source must not show the name of a forgotten person either.
-  if (!state_.follow()) return false;
-  for (face::NamedFace& face : result_.faces)
-    if (!state_.knows(face.name.label)) face.name = {};
+  if (!state_.update()) return false;
+  for (face::IdentifiedFace& face : result_.faces)
+    if (!state_.is_enrolled(face.identity.label)) face.identity = {};
   return true;
 }
 
 void RecognizeSession::draw(cv::Mat& image) {
-  for (const face::NamedFace& face : faces()) draw_named_face(image, face);
+  for (const face::IdentifiedFace& face : faces()) draw_named_face(image, face);
 }
 
 nlohmann::json RecognizeSession::state() const {
@@ -82,7 +82,7 @@ std::string RecognizeSession::status() const {
 
 std::ptrdiff_t RecognizeSession::known() const {
   return std::count_if(faces().begin(), faces().end(),
-                       [](const face::NamedFace& face) { return face.name.known; });
+                       [](const face::IdentifiedFace& face) { return face.identity.known; });
 }
 
 }  // namespace tarsier

@@ -23,7 +23,7 @@ class RecognizeSession final : public FrameSession {
 
   // The result of the latest frame.
   [[nodiscard]] const face::IdentifierResult& result() const { return result_; }
-  [[nodiscard]] const std::vector<face::NamedFace>& faces() const { return result_.faces; }
+  [[nodiscard]] const std::vector<face::IdentifiedFace>& faces() const { return result_.faces; }
   [[nodiscard]] face::people::Gallery* gallery() const { return state_.gallery(); }
 
  private:
@@ -43,6 +43,6 @@ class RecognizeSession final : public FrameSession {
 // Draws a box around a face and its name: green and "Ann 97 %" for a known person; else grey and
 // "unknown (Ann 12 %)", or "group 3 (Ann 12 %)" if the face is in a group of unknown faces (0:
 // none).
-void draw_named_face(cv::Mat& image, const face::NamedFace& face, std::int64_t group = 0);
+void draw_named_face(cv::Mat& image, const face::IdentifiedFace& face, std::int64_t group = 0);
 
 }  // namespace tarsier

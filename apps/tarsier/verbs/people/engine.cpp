@@ -139,30 +139,31 @@ face::recognition::Background find_deep_background(const PeopleFlags& flags) {
 
 std::optional<face::recognition::Background> background_to_enroll(face::people::Gallery& gallery,
                                                                   const PeopleFlags& flags) {
-  face::settle_templates(gallery, template_kind(flags), ModelStore::find(), true,
-                         own_network(flags));
+  face::resolve_template_kind(gallery, template_kind(flags), ModelStore::find(), true,
+                              own_network(flags));
   if (face::has_deep_templates(gallery)) return find_deep_background(flags);
   return find_background(flags);
 }
 
 std::optional<face::people::GalleryModel> load_model(
     face::people::Gallery& gallery, const face::recognition::Background* background,
-    Context& context, face::people::Learn learn, face::people::Searching searching) {
-  return face::learn_gallery(gallery, background, learn, *context.progress, context.stop,
-                             searching);
+    Context& context, face::people::TrainingPolicy policy, face::people::SearchMode search_mode) {
+  return face::train_gallery(gallery, background, policy, *context.progress, context.stop,
+                             search_mode);
 }
 
 std::optional<face::recognition::Recognizer> model_of_gallery(face::people::Gallery& gallery,
                                                               const PeopleFlags& flags,
                                                               Context& context,
-                                                              face::people::Learn learn) {
-  face::settle_templates(gallery, template_kind(flags), ModelStore::find(), false,
-                         own_network(flags));
-  const auto background = learn == face::people::Learn::kNow && !face::has_deep_templates(gallery)
-                              ? find_background(flags)
-                              : face::background_for(gallery, ModelStore::find(),
-                                                     background_of(flags), own_network(flags));
-  auto model = load_model(gallery, background ? &*background : nullptr, context, learn);
+                                                              face::people::TrainingPolicy policy) {
+  face::resolve_template_kind(gallery, template_kind(flags), ModelStore::find(), false,
+                              own_network(flags));
+  const auto background =
+      policy == face::people::TrainingPolicy::kAlways && !face::has_deep_templates(gallery)
+          ? find_background(flags)
+          : face::background_for(gallery, ModelStore::find(), background_of(flags),
+                                 own_network(flags));
+  auto model = load_model(gallery, background ? &*background : nullptr, context, policy);
   if (!model) return std::nullopt;
   return std::move(model->recognizer);
 }
@@ -181,7 +182,7 @@ ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, 
     if (!raw) {
       std::optional<face::people::Face> face;
       if (entry.left_eye && entry.right_eye) {
-        face = reader->at_eyes(gray, {*entry.left_eye, *entry.right_eye});
+        face = reader->face_from_eyes(gray, {*entry.left_eye, *entry.right_eye});
       } else {
         std::vector<face::people::Face> found = reader->read(gray);
         if (!found.empty() && (found.front().trusted || uncertain == UncertainFaces::kToo))

@@ -69,15 +69,15 @@ enum class UncertainFaces { kNone, kToo };
 // Path of the background's file; empty for "none".
 [[nodiscard]] std::string background_path(const PeopleFlags& flags);
 
-// face::learn_gallery().
+// face::train_gallery().
 [[nodiscard]] std::optional<face::people::GalleryModel> load_model(
     face::people::Gallery& gallery, const face::recognition::Background* background,
-    Context& context, face::people::Learn learn = face::people::Learn::kWhenDue,
-    face::people::Searching searching = face::people::Searching::kAll);
+    Context& context, face::people::TrainingPolicy policy = face::people::TrainingPolicy::kIfNeeded,
+    face::people::SearchMode search_mode = face::people::SearchMode::kExhaustive);
 // Only the recogniser of the gallery.
 [[nodiscard]] std::optional<face::recognition::Recognizer> model_of_gallery(
     face::people::Gallery& gallery, const PeopleFlags& flags, Context& context,
-    face::people::Learn learn = face::people::Learn::kWhenDue);
+    face::people::TrainingPolicy policy = face::people::TrainingPolicy::kIfNeeded);
 // The faces of a list in the recogniser's form; with `raw` whole images. `missed` lists images
 // without a face.
 struct ListedFaces {

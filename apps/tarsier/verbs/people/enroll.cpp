@@ -45,16 +45,16 @@ class Enrolment {
     const auto source = open_sources(flags_.inputs, flags_.source, input_schemes());
     // Whom the gallery would identify these faces as, before this person is in it. Pending learning
     // is done, so that new faces get their templates at once.
-    if (auto known = model(face::people::Searching::kByIndex)) {
+    if (auto known = model(face::people::SearchMode::kIndexed)) {
       coordinates_ = known->space < 0;
-      before_.emplace(gallery_, background(), std::move(known), face::people::Searching::kByIndex);
+      before_.emplace(gallery_, background(), std::move(known), face::people::SearchMode::kIndexed);
     }
     while (!source->ended() && taken() < flags_.most && !context_.stop.stop_requested()) {
       const auto frame = source->next(std::chrono::milliseconds(200), context_.stop);
       if (frame) take(*frame);
     }
     const std::vector<std::string> others =
-        before_ && !crops_.empty() ? face::people::other_names(*before_, crops_, flags_.name)
+        before_ && !crops_.empty() ? face::people::duplicate_names(*before_, crops_, flags_.name)
                                    : std::vector<std::string>();
     for (const std::string& other : others)
       log_warning("these faces look like '{}', who is enrolled already: one person, two names?",
@@ -63,20 +63,21 @@ class Enrolment {
     if (context_.stop.stop_requested()) return ExitStatus::kInterrupted;
     // Prepares the model for the next verb. A large gallery has its templates already.
     const bool fixed = coordinates_ && !face::has_deep_templates(gallery_);
-    if (taken() > 0 && !fixed) (void)model(face::people::Searching::kNothing);
+    if (taken() > 0 && !fixed) (void)model(face::people::SearchMode::kNone);
     return taken() > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
   }
 
  private:
-  [[nodiscard]] std::int64_t taken() const { return collector_.taken(); }
+  [[nodiscard]] std::int64_t taken() const { return collector_.accepted(); }
 
   [[nodiscard]] const face::recognition::Background* background() const {
     return background_ ? &*background_ : nullptr;
   }
 
-  std::optional<face::people::GalleryModel> model(face::people::Searching searching) {
+  std::optional<face::people::GalleryModel> model(face::people::SearchMode search_mode) {
     try {
-      return load_model(gallery_, background(), context_, face::people::Learn::kWhenDue, searching);
+      return load_model(gallery_, background(), context_, face::people::TrainingPolicy::kIfNeeded,
+                        search_mode);
     } catch (const InputError& error) {
       log_warning("{}", error.what());  // e.g. Fisherfaces with one person
       return std::nullopt;
@@ -86,9 +87,9 @@ class Enrolment {
   void take(const Frame& frame) {
     if (frame.name != source_name_) {
       source_name_ = frame.name;
-      if (!frame.still) collector_.restart();
+      if (!frame.still) collector_.reset();
     }
-    const std::vector<face::NamedFace> faces = identifier_.find(frame, faces_);
+    const std::vector<face::IdentifiedFace> faces = identifier_.find(frame, faces_);
     std::string reason;
     if (faces.empty()) {
       reason = faces_.reader().without_eyes() > 0 ? "eyes not found" : "no face";
@@ -96,7 +97,7 @@ class Enrolment {
       reason = "several faces";
     }
     if (!reason.empty()) {
-      collector_.refuse(reason);
+      collector_.reject(reason);
     } else {
       const face::people::Face& face =
           std::max_element(faces.begin(), faces.end(), [](const auto& a, const auto& b) {
@@ -119,7 +120,7 @@ class Enrolment {
     const std::int64_t faces = person ? person->faces : 0;
     if (context_.json) {
       nlohmann::ordered_json refused = nlohmann::ordered_json::object();
-      for (const auto& [reason, count] : collector_.refused()) refused[reason] = count;
+      for (const auto& [reason, count] : collector_.rejected()) refused[reason] = count;
       print_json({{"name", flags_.name},
                   {"added", taken()},
                   {"faces", faces},
@@ -129,14 +130,14 @@ class Enrolment {
     }
     std::string text = fmt::format("{}: {} {} added, {} in all\n", printable(flags_.name), taken(),
                                    taken() == 1 ? "face" : "faces", faces);
-    for (const auto& [reason, count] : collector_.refused())
+    for (const auto& [reason, count] : collector_.rejected())
       text += fmt::format("  {:>5} refused: {}\n", count, reason);
     print_text(text);
   }
 
   const EnrollFlags& flags_;
   Context& context_;
-  const face::Identifier identifier_{face::NamingOptions()};  // only finds faces
+  const face::Identifier identifier_{face::IdentificationOptions()};  // only finds faces
   face::IdentifierState faces_;
   face::people::Collector collector_;
   face::people::Gallery gallery_;

@@ -86,27 +86,27 @@ nlohmann::ordered_json line_of(const EvaluationResult& result, const ListedFaces
       {"uncertain_identified", json_of(result.rate(&SeedResult::uncertain_identified))}};
   line["background"] =
       result.with_background ? nlohmann::ordered_json(background) : nlohmann::ordered_json(nullptr);
-  if (result.options.strangers) {
+  if (result.options.open_set) {
     const auto or_null = [](double value) {
       return value < 0 ? nlohmann::ordered_json(nullptr)
                        : nlohmann::ordered_json(rounded(value, 4));
     };
     line["enrolled"] = result.options.enrolled > 0 ? result.options.enrolled : m.people / 2;
-    line["tar"] = or_null(m.true_accepts);
-    line["dir"] = or_null(m.right_accepts);
-    line["eer"] = or_null(m.equal_error);
-    line["auc"] = or_null(m.area);
-    line["chosen_true"] = json_of(result.rate(&SeedResult::true_count));
-    line["chosen_right"] = json_of(result.rate(&SeedResult::right_count));
+    line["tar"] = or_null(m.true_accept_rate);
+    line["dir"] = or_null(m.correct_accept_rate);
+    line["eer"] = or_null(m.equal_error_rate);
+    line["auc"] = or_null(m.auc);
+    line["chosen_true"] = json_of(result.rate(&SeedResult::true_accept_count));
+    line["chosen_right"] = json_of(result.rate(&SeedResult::correct_accept_count));
     line["stated_rate"] = result.options.stated_rate;
-    line["stated_tar"] = or_null(m.stated_true);
-    line["stated_dir"] = or_null(m.stated_right);
-    line["stated_far"] = or_null(m.stated_false);
-    line["stated_true"] = json_of(result.rate(&SeedResult::stated_true_count));
-    line["stated_right"] = json_of(result.rate(&SeedResult::stated_right_count));
-    line["stated_false"] = json_of(result.rate(&SeedResult::stated_false_count));
-    line["uncertain_true"] = json_of(result.rate(&SeedResult::uncertain_true_count));
-    line["uncertain_false"] = json_of(result.rate(&SeedResult::uncertain_false_count));
+    line["stated_tar"] = or_null(m.calibrated_true_accept_rate);
+    line["stated_dir"] = or_null(m.calibrated_correct_accept_rate);
+    line["stated_far"] = or_null(m.calibrated_false_accept_rate);
+    line["stated_true"] = json_of(result.rate(&SeedResult::calibrated_true_accept_count));
+    line["stated_right"] = json_of(result.rate(&SeedResult::calibrated_correct_accept_count));
+    line["stated_false"] = json_of(result.rate(&SeedResult::calibrated_false_accept_count));
+    line["uncertain_true"] = json_of(result.rate(&SeedResult::uncertain_true_accept_count));
+    line["uncertain_false"] = json_of(result.rate(&SeedResult::uncertain_false_accept_count));
   }
   line["train_s"] = rounded(m.train_seconds, 4);
   line["identify_ms"] = rounded(m.identify_ms, 4);
@@ -125,16 +125,17 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
   std::string text =
       fmt::format("{:<8} identified          {}\n", face::recognition::name_of(result.algorithm),
                   text_of(identified_of_all(result, missed)));
-  if (result.options.strangers) {
+  if (result.options.open_set) {
     if (m.calibrated) {
       text += fmt::format(
           "         at the stated rate of {:g} %, with the calibrated threshold:\n"
           "           true accepts      {}\n"
           "           by the right name {}\n"
           "           false accepts     {}\n",
-          100 * result.options.stated_rate, text_of(result.rate(&SeedResult::stated_true_count)),
-          text_of(result.rate(&SeedResult::stated_right_count)),
-          text_of(result.rate(&SeedResult::stated_false_count)));
+          100 * result.options.stated_rate,
+          text_of(result.rate(&SeedResult::calibrated_true_accept_count)),
+          text_of(result.rate(&SeedResult::calibrated_correct_accept_count)),
+          text_of(result.rate(&SeedResult::calibrated_false_accept_count)));
     } else {
       text +=
           "         no calibrated threshold: no impostor scores (more people or a background "
@@ -145,8 +146,8 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
         "           true accepts      {}\n"
         "           by the right name {}\n"
         "         equal error rate {:.2f} %, area under the curve {:.4f}\n",
-        100 * result.options.false_accepts, text_of(result.rate(&SeedResult::true_count)),
-        text_of(result.rate(&SeedResult::right_count)), 100 * m.equal_error, m.area);
+        100 * result.options.false_accepts, text_of(result.rate(&SeedResult::true_accept_count)),
+        text_of(result.rate(&SeedResult::correct_accept_count)), 100 * m.equal_error_rate, m.auc);
   }
   if (result.rate(&SeedResult::uncertain_identified).draws > 0) {
     text += fmt::format(
@@ -154,8 +155,8 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
         "           true accepts      {}\n"
         "           false accepts     {}\n",
         text_of(result.rate(&SeedResult::uncertain_identified)),
-        text_of(result.rate(&SeedResult::uncertain_true_count)),
-        text_of(result.rate(&SeedResult::uncertain_false_count)));
+        text_of(result.rate(&SeedResult::uncertain_true_accept_count)),
+        text_of(result.rate(&SeedResult::uncertain_false_accept_count)));
   }
   return text + fmt::format("         training {:.2f} s, a probe {:.2f} ms\n", m.train_seconds,
                             m.identify_ms);
@@ -165,8 +166,9 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
                          const std::optional<face::recognition::Background>& background,
                          Context& context) {
   if (!background) throw UsageError("--fit-same-camera needs a background");
-  const face::recognition::SameCamera compiled = face::recognition::same_camera_of(
-      background->network ? Algorithm::kDeep : Algorithm::kDefault);
+  const face::recognition::SameCameraAdjustment compiled =
+      face::recognition::same_camera_adjustment(background->network ? Algorithm::kDeep
+                                                                    : Algorithm::kDefault);
   face::recognition::SameCameraFit fit;
   try {
     fit =
@@ -176,8 +178,8 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
     throw InputError(flags.list, error.what());
   }
   if (context.json) {
-    print_json({{"shift", rounded(fit.found.shift, 4)},
-                {"spread", rounded(fit.found.spread, 4)},
+    print_json({{"shift", rounded(fit.adjustment.shift, 4)},
+                {"spread", rounded(fit.adjustment.spread, 4)},
                 {"compiled_shift", compiled.shift},
                 {"compiled_spread", compiled.spread},
                 {"people", fit.people},
@@ -190,8 +192,8 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
                   "deviation {:.3f} times the background's\n"
                   "  ({} scores against {} galleries of one person, {} people; the program uses "
                   "{:g} and {:g})\n",
-                  fit.found.shift, fit.found.spread, fit.scores, fit.galleries, fit.people,
-                  compiled.shift, compiled.spread));
+                  fit.adjustment.shift, fit.adjustment.spread, fit.scores, fit.galleries,
+                  fit.people, compiled.shift, compiled.spread));
   return ExitStatus::kDone;
 }
 
@@ -328,11 +330,11 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   if (!flags.csv.empty())
     write_file_atomically(flags.csv, std::string_view(face::recognition::evaluation_csv(results)));
   if (!flags.cmc.empty())
-    write_plot(flags.cmc, face::recognition::match_plot(results, kPlot),
-               face::recognition::match_plot_svg(results, kPlot));
+    write_plot(flags.cmc, face::recognition::cmc_plot(results, kPlot),
+               face::recognition::cmc_plot_svg(results, kPlot));
   if (!flags.roc.empty())
-    write_plot(flags.roc, face::recognition::accept_plot(results, kPlot),
-               face::recognition::accept_plot_svg(results, kPlot));
+    write_plot(flags.roc, face::recognition::roc_plot(results, kPlot),
+               face::recognition::roc_plot_svg(results, kPlot));
   return ExitStatus::kDone;
 }
 

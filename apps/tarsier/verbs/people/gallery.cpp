@@ -125,15 +125,15 @@ bool agreed(const std::string& name, const std::string& what) {
   return answer == 'y' || answer == 'Y';
 }
 
-std::string_view index_word(face::people::IndexFate fate) {
-  switch (fate) {
-    case face::people::IndexFate::kKept:
+std::string_view index_word(face::people::IndexOutcome outcome) {
+  switch (outcome) {
+    case face::people::IndexOutcome::kKept:
       return "kept";
-    case face::people::IndexFate::kRewritten:
+    case face::people::IndexOutcome::kRewritten:
       return "rewritten";
-    case face::people::IndexFate::kDeleted:
+    case face::people::IndexOutcome::kDeleted:
       return "deleted";
-    case face::people::IndexFate::kNone:
+    case face::people::IndexOutcome::kNone:
       break;
   }
   return "none";
@@ -147,26 +147,27 @@ std::string forget_text(const std::string& name, const face::people::ForgetRepor
       "{} "
       "of {} pieces of 32 bytes of the removed crops and templates: {}\n",
       printable(name), report.person.faces, report.sightings,
-      report.unlearned ? ", and what was learned from them" : "", search.files.size(),
-      search.folders, search.bytes, report.searched, report.pieces,
+      report.model_removed ? ", and what was learned from them" : "", search.files.size(),
+      search.folders, search.bytes, report.searched_pieces, report.total_pieces,
       report.proven() ? "none is left." : "NOT PROVEN.");
-  if (report.index == face::people::IndexFate::kRewritten)
+  if (report.index == face::people::IndexOutcome::kRewritten)
     text += "The index was written again, without them.\n";
-  if (report.index == face::people::IndexFate::kDeleted)
+  if (report.index == face::people::IndexOutcome::kDeleted)
     text += "The index is deleted: build a new one with `people index`.\n";
-  if (report.shared > 0) {
+  if (report.shared_pieces > 0) {
     std::string others;
     for (const std::string& other : report.shared_with)
       others += (others.empty() ? "'" : ", '") + printable(other) + "'";
     text += fmt::format(
         "{} pieces also occur in faces of {}, who stay enrolled: they were not searched for.\n",
-        report.shared, others);
+        report.shared_pieces, others);
   }
-  if (report.unproven > 0) {
+  if (report.unproven_records > 0) {
     text += fmt::format(
         "{} crops and templates could mostly not be searched for: their deletion is not "
         "verified{}.\n",
-        report.unproven, report.shared > 0 ? " (the same image is there under another name)" : "");
+        report.unproven_records,
+        report.shared_pieces > 0 ? " (the same image is there under another name)" : "");
   }
   if (search.links > 0) text += fmt::format("{} links were not followed.\n", search.links);
   for (const std::string& skipped : search.skipped)
@@ -182,19 +183,19 @@ ExitStatus tell_forgotten(const face::people::Gallery& gallery, const std::strin
     print_json({{"name", name},
                 {"faces", report.person.faces},
                 {"sightings", report.sightings},
-                {"unlearned", report.unlearned},
+                {"unlearned", report.model_removed},
                 {"index", index_word(report.index)},
-                {"pieces", report.pieces},
-                {"pieces_searched", report.searched},
-                {"pieces_shared", report.shared},
+                {"pieces", report.total_pieces},
+                {"pieces_searched", report.searched_pieces},
+                {"pieces_shared", report.shared_pieces},
                 {"shared_with", report.shared_with},
-                {"unproven", report.unproven},
+                {"unproven", report.unproven_records},
                 {"searched", search.files},
                 {"folders", search.folders},
                 {"bytes", search.bytes},
                 {"links", search.links},
-                {"left_in", search.found},
-                {"unread", search.unread},
+                {"left_in", search.files_with_pieces},
+                {"unread", search.unreadable},
                 {"skipped", search.skipped},
                 {"proven", report.proven()}});
   } else {
@@ -205,11 +206,12 @@ ExitStatus tell_forgotten(const face::people::Gallery& gallery, const std::strin
                       "another program still uses it: its log could not be emptied; end that "
                       "program and open the gallery once more");
   }
-  if (!search.found.empty()) {
-    throw OutputError(search.found.front(),
+  if (!search.files_with_pieces.empty()) {
+    throw OutputError(search.files_with_pieces.front(),
                       "still holds pieces of the removed faces (a copy or export?): delete it");
   }
-  if (!search.unread.empty()) throw OutputError(search.unread.front(), "could not be searched");
+  if (!search.unreadable.empty())
+    throw OutputError(search.unreadable.front(), "could not be searched");
   if (!search.skipped.empty()) {
     throw OutputError(
         flags.people.gallery,

@@ -27,8 +27,8 @@ struct GroupFlags {
 // The background that defines the comparison of this gallery's faces, enrolled or not.
 face::recognition::Background directions_of(face::people::Gallery& gallery,
                                             const PeopleFlags& flags) {
-  face::settle_templates(gallery, template_kind(flags), ModelStore::find(), true,
-                         own_network(flags));
+  face::resolve_template_kind(gallery, template_kind(flags), ModelStore::find(), true,
+                              own_network(flags));
   if (face::has_deep_templates(gallery)) return find_deep_background(flags);
   auto background = find_background(flags);
   if (!background || background->basis.rows() == 0)
@@ -44,14 +44,14 @@ ExitStatus group_faces(const GroupFlags& flags, Context& context) {
   const auto report = face::people::group_sightings(gallery, background, flags.grouping,
                                                     *context.progress, context.stop);
   if (context.json) {
-    print_json({{"placed", report.placed},
-                {"new", report.made},
+    print_json({{"placed", report.assigned},
+                {"new", report.new_groups},
                 {"merged", report.merged},
                 {"groups", report.groups},
                 {"threshold", rounded(report.threshold, 4)}});
   } else {
     print_text(fmt::format("{} unknown faces placed, {} new groups, {} merged: {} groups now\n",
-                           report.placed, report.made, report.merged, report.groups));
+                           report.assigned, report.new_groups, report.merged, report.groups));
   }
   return report.groups > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }

@@ -22,7 +22,7 @@ namespace {
 struct IdentifyFlags {
   RunFlags run;
   PeopleFlags people;
-  face::NamingOptions naming;
+  face::IdentificationOptions identification;
   std::string model;
   bool raw = false;
   OnEventFlags on_event;
@@ -40,7 +40,7 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   options.write_gallery = !flags.keep.empty();
   options.recognizer = flags.model;
   options.cropped = flags.raw;
-  options.naming = flags.naming;
+  options.identification = flags.identification;
   std::optional<std::chrono::milliseconds> keep;
   if (!flags.keep.empty()) keep = plate::parse_duration(flags.keep, "--keep");
   const face::Identifier identifier = load_identifier(options);
@@ -62,17 +62,17 @@ ExitStatus identify_faces(IdentifyFlags& flags, Context& context) {
   hooks.after_frame = [&](const Frame& frame) {
     events.frame(frame, session.faces());
     if (sightings) sightings->frame(frame, session.faces(), now_ms());
-    for (const face::NamedFace& face : session.faces()) known = known || face.name.known;
+    for (const face::IdentifiedFace& face : session.faces()) known = known || face.identity.known;
     if (!frame.still || context.json || context.quiet) return;
     std::string text = fmt::format("{}:", printable(frame.name));
-    for (const face::NamedFace& face : session.faces()) {
+    for (const face::IdentifiedFace& face : session.faces()) {
       if (!face.face.trusted) text += " uncertain face:";
-      text += face.name.known ? fmt::format(" {} ({:.0f} %)", printable(face.name.label),
-                                            100 * face.name.confidence)
-              : face.name.label.empty()
+      text += face.identity.known ? fmt::format(" {} ({:.0f} %)", printable(face.identity.label),
+                                                100 * face.identity.confidence)
+              : face.identity.label.empty()
                   ? " unknown"
-                  : fmt::format(" unknown (nearest: {}, {:.0f} %)", printable(face.name.label),
-                                100 * face.name.confidence);
+                  : fmt::format(" unknown (nearest: {}, {:.0f} %)", printable(face.identity.label),
+                                100 * face.identity.confidence);
     }
     print_text(text + (session.faces().empty() ? " no face\n" : "\n"));
   };
@@ -91,7 +91,7 @@ void add_flags(Command& verb, IdentifyFlags& flags) {
   verb.add_option("--model", flags.model,
                   "model of `people train -o` to use instead of the gallery");
   verb.add_flag("--raw", flags.raw, "the images are face crops already");
-  bind_field(verb, flags.naming, flags.naming.false_accepts);
+  bind_field(verb, flags.identification, flags.identification.false_accepts);
   verb.add_option(
       "--csv", flags.csv,
       "CSV file: frame, time, image, face, nearest person, confidence, known, box (px)");

@@ -41,7 +41,7 @@ class FaceSheet {
   explicit FaceSheet(std::string path) : path_(std::move(path)) {}  // empty path: nothing is drawn
 
   [[nodiscard]] bool is_drawn() const { return !path_.empty(); }
-  // Adds a face: a crop of cut_face(), or empty if the crop was not kept. Writes "box" into `line`
+  // Adds a face: a crop of crop_face(), or empty if the crop was not kept. Writes "box" into `line`
   // of the JSON output: its place in the sheet, [x, y, width, height] in px. The sheet has at most
   // 800 faces; further ones are left out.
   void add(const cv::Mat& crop, std::int64_t number, nlohmann::ordered_json& line);

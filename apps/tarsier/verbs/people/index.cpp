@@ -15,7 +15,7 @@ namespace {
 struct IndexFlags {
   PeopleFlags people;
   face::recognition::CellIndexOptions index;
-  std::int64_t min_faces = face::people::kWorthIndexing;
+  std::int64_t min_faces = face::people::kMinFacesForIndex;
   bool check = false;
 };
 
@@ -29,26 +29,28 @@ ExitStatus check_index(face::people::Gallery& gallery, Context& context) {
       index.each_cell([](std::span<const std::int64_t>) {}, *context.progress, context.stop);
     } catch (const InputError& error) {
       state.current = false;
-      state.trouble = std::string(error.what()).substr(path.size() + 2);
+      state.unused_reason = std::string(error.what()).substr(path.size() + 2);
     }
   }
   if (context.json) {
-    print_json({{"index", path},
-                {"there", state.there},
-                {"current", state.current},
-                {"trouble", state.trouble.empty() ? nlohmann::ordered_json()
-                                                  : nlohmann::ordered_json(state.trouble)},
-                {"faces", state.faces},
-                {"newer", state.newer}});
-  } else if (!state.there) {
+    print_json(
+        {{"index", path},
+         {"there", state.exists},
+         {"current", state.current},
+         {"trouble", state.unused_reason.empty() ? nlohmann::ordered_json()
+                                                 : nlohmann::ordered_json(state.unused_reason)},
+         {"faces", state.faces},
+         {"newer", state.newer}});
+  } else if (!state.exists) {
     print_text(fmt::format("{}: no index: all faces are compared\n", printable(path)));
   } else if (!state.current) {
-    print_text(fmt::format("{}: {}: all faces are compared\n", printable(path), state.trouble));
+    print_text(
+        fmt::format("{}: {}: all faces are compared\n", printable(path), state.unused_reason));
   } else {
     print_text(fmt::format(
         "{}: current: {} faces in it, {} newer{}\n", printable(path), state.faces, state.newer,
-        face::people::index_is_behind(state.newer) ? ": `people index` makes the search faster"
-                                                   : ""));
+        face::people::index_is_outdated(state.newer) ? ": `people index` makes the search faster"
+                                                     : ""));
   }
   return state.current ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
@@ -61,8 +63,8 @@ ExitStatus index_gallery(const IndexFlags& flags, Context& context) {
   // A wrong path is always reported.
   if (!flags.people.background.empty()) static_cast<void>(find_background(flags.people));
   face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
-  face::settle_templates(gallery, template_kind(flags.people), ModelStore::find(), false,
-                         own_network(flags.people));
+  face::resolve_template_kind(gallery, template_kind(flags.people), ModelStore::find(), false,
+                              own_network(flags.people));
   const std::int64_t faces = gallery.face_count_up_to(flags.min_faces);
   if (faces < flags.min_faces) {
     log_info("{}: {} faces: with fewer than {} comparing all is as fast, no index is made",
@@ -77,8 +79,8 @@ ExitStatus index_gallery(const IndexFlags& flags, Context& context) {
     throw InputError(gallery.path(),
                      "--background none: the index needs the directions of a background");
   // Does the pending learning and computes missing templates.
-  (void)face::learn_gallery(gallery, &*background, face::people::Learn::kWhenDue, *context.progress,
-                            context.stop, face::people::Searching::kNothing);
+  (void)face::train_gallery(gallery, &*background, face::people::TrainingPolicy::kIfNeeded,
+                            *context.progress, context.stop, face::people::SearchMode::kNone);
   const auto report = face::people::build_gallery_index(gallery, *background, flags.index,
                                                         *context.progress, context.stop);
   if (context.json) {

@@ -66,14 +66,14 @@ ExitStatus live(LiveFlags& flags, Context& context) {
     if (!sightings) return;
     sightings->frame(frame, session.faces(), now_ms());
     if (frame.still) session.count_unknown();
-    for (const face::NamedFace& face : session.faces())
+    for (const face::IdentifiedFace& face : session.faces())
       if (const std::int64_t id = sightings->sighting_of(face.face.id); id > 0)
         session.stored(face.face.id, id);
   };
   hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
     line["faces"] = nlohmann::ordered_json::array();
     for (std::size_t i = 0; i < session.faces().size(); ++i) {
-      const face::NamedFace& face = session.faces()[i];
+      const face::IdentifiedFace& face = session.faces()[i];
       const std::int64_t group = i < session.groups().size() ? session.groups()[i] : 0;
       nlohmann::ordered_json object = to_json(face);
       object["id"] = face.face.id;

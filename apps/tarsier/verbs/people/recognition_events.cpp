@@ -27,32 +27,33 @@ cv::Mat crop_of(const cv::Mat& image, const cv::Rect2d& box) {
 
 }  // namespace
 
-std::vector<std::string> face_rows(const Frame& frame, const std::vector<face::NamedFace>& faces) {
+std::vector<std::string> face_rows(const Frame& frame,
+                                   const std::vector<face::IdentifiedFace>& faces) {
   std::vector<std::string> rows;
-  for (const face::NamedFace& face : faces) {
+  for (const face::IdentifiedFace& face : faces) {
     const cv::Rect2d& box = face.face.box;
     rows.push_back(fmt::format("{},{},{},{:.4f},{:d},{},{},{},{}", frame_cells(frame), face.face.id,
-                               csv_field(face.name.label), face.name.confidence, face.name.known,
-                               std::lround(box.x), std::lround(box.y), std::lround(box.width),
-                               std::lround(box.height)));
+                               csv_field(face.identity.label), face.identity.confidence,
+                               face.identity.known, std::lround(box.x), std::lround(box.y),
+                               std::lround(box.width), std::lround(box.height)));
   }
   return rows;
 }
 
-void RecognitionEvents::frame(const Frame& frame, const std::vector<face::NamedFace>& faces) {
+void RecognitionEvents::frame(const Frame& frame, const std::vector<face::IdentifiedFace>& faces) {
   const std::string source = source_of(frame);
   if (frame.still || source != source_) reported_.clear();
   source_ = source;
-  for (const face::NamedFace& face : faces) {
-    if (face.name.label.empty()) continue;
+  for (const face::IdentifiedFace& face : faces) {
+    if (face.identity.label.empty()) continue;
     const bool video = !frame.still && face.face.id > 0;
-    const std::string what = (face.name.known ? "+" : "-") + face.name.label;
+    const std::string what = (face.identity.known ? "+" : "-") + face.identity.label;
     if (video) {
       Reported& reported = reported_[face.face.id];
       reported.time = frame.time;
       if (std::exchange(reported.what, what) == what) continue;
     }
-    if (!face.name.known || !on_event_) continue;
+    if (!face.identity.known || !on_event_) continue;
     nlohmann::ordered_json line{{"event", "person"}};
     line.update(to_json(face));
     if (frame.still) {

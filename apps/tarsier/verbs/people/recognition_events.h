@@ -15,7 +15,7 @@ namespace tarsier::cli {
 inline constexpr const char* kFaceColumns =
     "frame,time,image,face,label,confidence,known,x,y,width,height";
 [[nodiscard]] std::vector<std::string> face_rows(const Frame& frame,
-                                                 const std::vector<face::NamedFace>& faces);
+                                                 const std::vector<face::IdentifiedFace>& faces);
 
 // Reports each recognition once as {"event":"person", ..}. In still images every known face is
 // reported. In videos a face is reported when it is first known, and when it becomes known as
@@ -24,7 +24,7 @@ class RecognitionEvents {
  public:
   // `on_event` must outlive this object.
   explicit RecognitionEvents(OnEvent& on_event) : on_event_(on_event) {}
-  void frame(const Frame& frame, const std::vector<face::NamedFace>& faces);
+  void frame(const Frame& frame, const std::vector<face::IdentifiedFace>& faces);
 
  private:
   struct Reported {

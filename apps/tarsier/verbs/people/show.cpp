@@ -36,10 +36,10 @@ bool has_images(const Recognizer& model) {
 }
 
 void describe(const Recognizer& model, const Context& context) {
-  const int shown = static_cast<int>(std::min<Eigen::Index>(model.importance.size(), 20));
-  const double total = model.importance.size() > 0 ? model.importance.sum() : 0;
+  const int shown = static_cast<int>(std::min<Eigen::Index>(model.eigenvalues.size(), 20));
+  const double total = model.eigenvalues.size() > 0 ? model.eigenvalues.sum() : 0;
   if (context.json) {
-    std::vector<double> values(model.importance.data(), model.importance.data() + shown);
+    std::vector<double> values(model.eigenvalues.data(), model.eigenvalues.data() + shown);
     print_json({{"algorithm", face::recognition::name_of(model.options.algorithm)},
                 {"people", model.labels.size()},
                 {"templates", model.templates.rows()},
@@ -62,9 +62,9 @@ void describe(const Recognizer& model, const Context& context) {
   if (shown > 0) text += fmt::format("{}:", what);
   for (int i = 0; i < shown; ++i) {
     text += model.options.algorithm == Algorithm::kEigen
-                ? fmt::format(" {:.4g} ({:.1f} %)", model.importance[i],
-                              100 * model.importance[i] / total)
-                : fmt::format(" {:.4g}", model.importance[i]);
+                ? fmt::format(" {:.4g} ({:.1f} %)", model.eigenvalues[i],
+                              100 * model.eigenvalues[i] / total)
+                : fmt::format(" {:.4g}", model.eigenvalues[i]);
   }
   if (shown > 0) text += "\n";
   if (model.calibration) {

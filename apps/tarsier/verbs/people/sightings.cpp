@@ -13,7 +13,7 @@ constexpr double kLost = 60;    // s; after this time a lost face does not get i
 // A better face replaces the stored one if its quality is higher by this factor.
 constexpr double kBetter = 1.15;
 
-face::people::SeenFace seen(const face::people::Face& face) {
+face::people::SightingFace seen(const face::people::Face& face) {
   return {face.crop.clone(), face.quality.score(), face::people::quality_json(face.quality).dump()};
 }
 
@@ -23,7 +23,7 @@ SightingWriter::SightingWriter(face::people::Gallery& gallery, std::int64_t keep
     : gallery_(gallery), retention_(gallery, keep_ms) {}
 
 bool SightingWriter::is_good(const face::people::Face& face) const {
-  return face.trusted && face::people::problems(face.quality, gate_).empty();
+  return face.trusted && face::people::quality_problems(face.quality, gate_).empty();
 }
 
 void SightingWriter::write(Track& track, std::int64_t time, const std::string& label, bool known) {
@@ -39,22 +39,22 @@ void SightingWriter::end(Track& track) {
     write(track, track.since, track.nearest, false);
 }
 
-void SightingWriter::look(Track& track, const face::NamedFace& face, const Frame& frame,
+void SightingWriter::look(Track& track, const face::IdentifiedFace& face, const Frame& frame,
                           std::int64_t now) {
   track.last_time = frame.time;
   track.name = frame.name;
-  track.confidence = face.name.confidence;
+  track.confidence = face.identity.confidence;
   const bool good = is_good(face.face);
-  const bool changed = face.name.known && face.name.label != track.known_as;
+  const bool changed = face.identity.known && face.identity.label != track.known_as;
   if (changed && !track.known_as.empty()) track.best = {};  // these faces may be of either person
   if (good && (track.best.crop.empty() || face.face.quality.score() > track.best.quality))
     track.best = seen(face.face);
   if (changed) {
-    write(track, now, face.name.label, true);
-    track.known_as = face.name.label;
+    write(track, now, face.identity.label, true);
+    track.known_as = face.identity.label;
     return;
   }
-  if (!face.name.known) track.nearest = face.name.label;
+  if (!face.identity.known) track.nearest = face.identity.label;
   if (track.known_as.empty() && !track.written_unknown &&
       frame.time - track.first_time >= kSettled) {
     write(track, track.since, track.nearest, false);
@@ -67,12 +67,12 @@ void SightingWriter::look(Track& track, const face::NamedFace& face, const Frame
   }
 }
 
-void SightingWriter::frame(const Frame& frame, const std::vector<face::NamedFace>& faces,
+void SightingWriter::frame(const Frame& frame, const std::vector<face::IdentifiedFace>& faces,
                            std::int64_t now) {
   const std::string source = source_of(frame);
   if (frame.still || source != source_) finish();
   source_ = source;
-  for (const face::NamedFace& face : faces) {
+  for (const face::IdentifiedFace& face : faces) {
     if (!frame.still && face.face.id > 0) {
       const auto [track, fresh] = tracks_.try_emplace(face.face.id);
       if (fresh) {
@@ -82,12 +82,12 @@ void SightingWriter::frame(const Frame& frame, const std::vector<face::NamedFace
       look(track->second, face, frame, now);
       continue;
     }
-    if (!face.face.trusted && !face.name.known) continue;  // it may be no face
+    if (!face.face.trusted && !face.identity.known) continue;  // it may be no face
     Track one;
     one.name = frame.name;
-    one.confidence = face.name.confidence;
+    one.confidence = face.identity.confidence;
     if (is_good(face.face)) one.best = seen(face.face);
-    write(one, now, face.name.label, face.name.known);
+    write(one, now, face.identity.label, face.identity.known);
   }
   for (auto track = tracks_.begin(); track != tracks_.end();) {
     if (frame.time - track->second.last_time <= kLost) {

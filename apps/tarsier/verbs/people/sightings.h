@@ -25,7 +25,7 @@ class SightingWriter {
   SightingWriter(face::people::Gallery& gallery, std::int64_t keep_ms);
 
   // `now`: ms since 1970-01-01 UTC. Throws OutputError.
-  void frame(const Frame& frame, const std::vector<face::NamedFace>& faces, std::int64_t now);
+  void frame(const Frame& frame, const std::vector<face::IdentifiedFace>& faces, std::int64_t now);
   // The sighting whose stored face may still be replaced by a better one of this tracked face; 0:
   // none.
   [[nodiscard]] std::int64_t sighting_of(int face) const;
@@ -43,13 +43,13 @@ class SightingWriter {
     double confidence = 0;
     std::string name;  // source name of the frames
     // Best face since the last sighting; without a crop: none was good enough.
-    face::people::SeenFace best;
+    face::people::SightingFace best;
     std::int64_t sighting = 0;  // its stored face may still be replaced by a better one
     double stored = 0;          // quality of its stored face
   };
   // Whether the quality is high enough to keep the face.
   [[nodiscard]] bool is_good(const face::people::Face& face) const;
-  void look(Track& track, const face::NamedFace& face, const Frame& frame, std::int64_t now);
+  void look(Track& track, const face::IdentifiedFace& face, const Frame& frame, std::int64_t now);
   void write(Track& track, std::int64_t time, const std::string& label, bool known);
   void end(Track& track);
 

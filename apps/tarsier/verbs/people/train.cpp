@@ -37,7 +37,7 @@ face::recognition::Algorithm algorithm_of(const std::string& name) {
 
 // Of very many faces, an evenly spaced subset is used.
 std::int64_t learned_from(const face::recognition::Recognizer& model) {
-  return std::min<std::int64_t>(model.templates.rows(), face::recognition::kMaxLearnedFaces);
+  return std::min<std::int64_t>(model.templates.rows(), face::recognition::kMaxTrainingFaces);
 }
 
 void tell(const face::recognition::Recognizer& model, const Context& context,
@@ -51,8 +51,8 @@ void tell(const face::recognition::Recognizer& model, const Context& context,
         {"learned_from", learned_from(model)},
         {"calibrated", calibration.has_value()}};
     if (calibration) {
-      line["strangers"] = {{"scores", calibration->stranger_scores},
-                           {"people", calibration->stranger_people}};
+      line["strangers"] = {{"scores", calibration->impostor_scores},
+                           {"people", calibration->impostor_people}};
       line["genuine_scores"] = calibration->genuine_scores;
       line["threshold_1_percent"] =
           calibration->threshold(0.01, static_cast<int>(model.labels.size()));
@@ -70,8 +70,8 @@ void tell(const face::recognition::Recognizer& model, const Context& context,
         "  threshold for 1 false accept in 100: {:.3f}; from {} impostor scores of {} held-out "
         "people{} and {} genuine scores\n",
         calibration->threshold(0.01, static_cast<int>(model.labels.size())),
-        calibration->stranger_scores, calibration->stranger_people,
-        calibration->stranger_scores < 100 ? " (few: combined with the background's statistics)"
+        calibration->impostor_scores, calibration->impostor_people,
+        calibration->impostor_scores < 100 ? " (few: combined with the background's statistics)"
                                            : "",
         calibration->genuine_scores);
   } else {
@@ -164,13 +164,14 @@ ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
     const face::SharedNetwork own = own_network(flags.people);
     static_cast<void>(face::load_deep_network(ModelStore::find(), own));
     if (own) static_cast<void>(find_deep_background(flags.people));
-    face::choose_deep_templates(gallery, own);
+    face::use_deep_templates(gallery, own);
   } else if (template_kind(flags.people) == face::TemplateKind::kClassic &&
              face::has_deep_templates(gallery)) {
     gallery.set_algorithm("default");
     gallery.set_network("");
   }
-  const auto model = model_of_gallery(gallery, flags.people, context, face::people::Learn::kNow);
+  const auto model =
+      model_of_gallery(gallery, flags.people, context, face::people::TrainingPolicy::kAlways);
   if (!model) {
     log_info("{}: nobody is enrolled", flags.people.gallery);
     return ExitStatus::kNothingFound;

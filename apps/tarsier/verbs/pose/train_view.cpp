@@ -95,7 +95,7 @@ ExitStatus run_train(TrainViewFlags& flags, Context& context) {
   try {
     if (flags.leave_out) {
       print_scores(training.score_landmarks(), context, "landmarks alone");
-      print_scores(training.score_left_out(flags.options), context,
+      print_scores(training.score_held_out(flags.options), context,
                    "refined, each person left out in turn");
     }
     if (flags.output.empty()) return ExitStatus::kDone;

@@ -11,7 +11,7 @@
 // Proof of deletion: searches the remaining files for pieces of the deleted bytes.
 namespace tarsier::face::people {
 
-inline constexpr std::size_t kPiece = 32;  // bytes
+inline constexpr std::size_t kPieceBytes = 32;  // bytes
 // If there are more pieces, an evenly chosen subset is searched for. This bounds the memory.
 inline constexpr std::size_t kMaxPieces = 4'000'000;
 
@@ -24,18 +24,18 @@ class Pieces {
   void add(std::span<const std::uint8_t> bytes);
   // Removes the pieces that data which is kept also contains; they prove nothing. Returns their
   // number. The time depends on the size of `bytes` only.
-  std::size_t keep(std::span<const std::uint8_t> bytes);
+  std::size_t exclude(std::span<const std::uint8_t> bytes);
   // Pieces that are searched for.
   [[nodiscard]] std::size_t count() const { return count_; }
   // Pieces that were added, including those that are not searched for.
   [[nodiscard]] std::int64_t total() const { return total_; }
-  // Pieces that keep() removed.
-  [[nodiscard]] std::size_t kept() const { return kept_; }
+  // Pieces that exclude() removed.
+  [[nodiscard]] std::size_t excluded() const { return excluded_; }
   // Number of add() calls whose data have less than half of their pieces left, or never had any.
   // Their deletion cannot be proven.
-  [[nodiscard]] std::size_t unproven_sources() const;
+  [[nodiscard]] std::size_t unproven_source_count() const;
   // Whether `bytes` contain a piece.
-  [[nodiscard]] bool in(std::span<const std::uint8_t> bytes) const;
+  [[nodiscard]] bool found_in(std::span<const std::uint8_t> bytes) const;
 
  private:
   struct Source {
@@ -45,18 +45,18 @@ class Pieces {
   };
   struct Entry {
     std::uint32_t hash = 0;
-    std::uint32_t place = 0;  // in data_
+    std::uint32_t offset = 0;  // in data_
   };
   void build() const;
-  // Calls take(place) for each piece in `bytes`, for some more than once; stops when it returns
+  // Calls visit(offset) for each piece in `bytes`, for some more than once; stops when it returns
   // true.
-  template <typename Take>
-  bool each_piece(std::span<const std::uint8_t> bytes, const Take& take) const;
+  template <typename Visit>
+  bool each_piece(std::span<const std::uint8_t> bytes, const Visit& visit) const;
 
   std::size_t stride_ = 1;
   std::int64_t total_ = 0;
   std::size_t count_ = 0;
-  std::size_t kept_ = 0;
+  std::size_t excluded_ = 0;
   std::vector<std::uint8_t> data_;
   std::vector<bool> active_;  // for each byte of data_: a piece starts here
   std::vector<Source> sources_;
@@ -77,9 +77,9 @@ struct SearchReport {
   std::vector<std::string> files;  // searched files: those of the folder first, then those below it
   std::int64_t folders = 0;        // searched folders
   std::int64_t bytes = 0;
-  std::int64_t links = 0;            // symbolic links, which are not followed
-  std::vector<std::string> found;    // files that still contain a piece
-  std::vector<std::string> unread;   // files and folders that could not be read
+  std::int64_t links = 0;                      // symbolic links, which are not followed
+  std::vector<std::string> files_with_pieces;  // files that still contain a piece
+  std::vector<std::string> unreadable;         // files and folders that could not be read
   std::vector<std::string> skipped;  // "path: why": other file systems, too deep, too much
 };
 
@@ -89,11 +89,11 @@ struct SearchReport {
 [[nodiscard]] SearchReport search_below(const Pieces& pieces, const std::string& folder,
                                         const std::stop_token& stop,
                                         const SearchLimits& limits = {});
-// Returns those files that contain a piece; `unread` receives those that cannot be read. Throws
+// Returns those files that contain a piece; `unreadable` receives those that cannot be read. Throws
 // Interrupted.
 [[nodiscard]] std::vector<std::string> search_files(const Pieces& pieces,
                                                     const std::vector<std::string>& files,
-                                                    std::vector<std::string>& unread,
+                                                    std::vector<std::string>& unreadable,
                                                     std::int64_t& bytes,
                                                     const std::stop_token& stop);
 

@@ -24,14 +24,14 @@ std::vector<std::uint8_t> noise(std::size_t size, std::uint64_t seed) {
   return out;
 }
 
-class SearchTest : public FolderTest {
+class SearchBelowTest : public FolderTest {
  protected:
   void write(const std::string& name, std::vector<std::uint8_t> bytes) const {
     write_file_atomically(path(name), std::span<const std::uint8_t>(bytes));
   }
 };
 
-TEST_F(SearchTest, ThirtyTwoBytesAnywhereAreFound) {
+TEST_F(SearchBelowTest, FindsPieceAtAnyPosition) {
   const auto secret = noise(5000, 1);
   Pieces pieces;
   pieces.add(secret);
@@ -42,35 +42,36 @@ TEST_F(SearchTest, ThirtyTwoBytesAnywhereAreFound) {
     std::copy(secret.begin() + 1234, secret.begin() + 1234 + 32,
               file.begin() + static_cast<std::ptrdiff_t>(at));
     write("file", file);
-    EXPECT_THAT(search_below(pieces, folder_, {}).found, ElementsAre(path("file"))) << at;
+    EXPECT_THAT(search_below(pieces, folder_, {}).files_with_pieces, ElementsAre(path("file")))
+        << at;
     file[at + 16] ^= 1;
     write("file", file);
     const SearchReport report = search_below(pieces, folder_, {});
-    EXPECT_THAT(report.found, IsEmpty()) << at;
+    EXPECT_THAT(report.files_with_pieces, IsEmpty()) << at;
     EXPECT_EQ(report.bytes, 3'000'000);
     EXPECT_THAT(report.files, ElementsAre(path("file")));
   }
 }
 
-TEST(PiecesTest, EachRunAtEachPlaceIsSeen) {
+TEST(PiecesTest, FindsEachPieceAtEachOffset) {
   const auto secret = noise(100, 1);
   Pieces pieces;
   pieces.add(secret);
   EXPECT_EQ(pieces.count(), 69U);
   EXPECT_EQ(pieces.total(), 69);
-  for (std::size_t from = 0; from + kPiece <= secret.size(); ++from) {
+  for (std::size_t from = 0; from + kPieceBytes <= secret.size(); ++from) {
     for (std::size_t at = 0; at < 9; ++at) {
       std::vector<std::uint8_t> bytes(at, 7);
       bytes.insert(bytes.end(), secret.begin() + static_cast<std::ptrdiff_t>(from),
-                   secret.begin() + static_cast<std::ptrdiff_t>(from + kPiece));
-      EXPECT_TRUE(pieces.in(bytes)) << from << " at " << at;
+                   secret.begin() + static_cast<std::ptrdiff_t>(from + kPieceBytes));
+      EXPECT_TRUE(pieces.found_in(bytes)) << from << " at " << at;
       bytes.pop_back();
-      EXPECT_FALSE(pieces.in(bytes)) << from << " at " << at;
+      EXPECT_FALSE(pieces.found_in(bytes)) << from << " at " << at;
     }
   }
 }
 
-TEST_F(SearchTest, WhatStaysAndWhatSaysNothingIsNoTrace) {
+TEST_F(SearchBelowTest, IgnoresExcludedAndUniformData) {
   auto secret = noise(400, 1);
   const auto common = noise(100, 3);
   secret.insert(secret.end(), common.begin(), common.end());
@@ -80,31 +81,31 @@ TEST_F(SearchTest, WhatStaysAndWhatSaysNothingIsNoTrace) {
   Pieces pieces;
   pieces.add(secret);
   const std::size_t before = pieces.count();
-  EXPECT_EQ(pieces.keep(common), 69U);
-  EXPECT_EQ(pieces.keep(common), 0U);  // already removed
-  EXPECT_EQ(pieces.keep(noise(5000, 9)), 0U);
+  EXPECT_EQ(pieces.exclude(common), 69U);
+  EXPECT_EQ(pieces.exclude(common), 0U);  // already removed
+  EXPECT_EQ(pieces.exclude(noise(5000, 9)), 0U);
   EXPECT_EQ(pieces.count(), before - 69);
-  EXPECT_EQ(pieces.kept(), 69U);
-  EXPECT_EQ(pieces.unproven_sources(), 0U);  // most of this source is still searched for
+  EXPECT_EQ(pieces.excluded(), 69U);
+  EXPECT_EQ(pieces.unproven_source_count(), 0U);  // most of this source is still searched for
   auto file = common;
   file.insert(file.end(), 500, 0);
   write("file", file);
-  EXPECT_THAT(search_below(pieces, folder_, {}).found, IsEmpty());
+  EXPECT_THAT(search_below(pieces, folder_, {}).files_with_pieces, IsEmpty());
   write("other", secret);
-  EXPECT_THAT(search_below(pieces, folder_, {}).found, ElementsAre(path("other")));
+  EXPECT_THAT(search_below(pieces, folder_, {}).files_with_pieces, ElementsAre(path("other")));
 }
 
-TEST(PiecesTest, OfWhatOthersHaveAsWellNothingIsProven) {
+TEST(PiecesTest, CountsSourcesWithTooFewPieces) {
   Pieces pieces;
   pieces.add(noise(400, 1));
   pieces.add(noise(400, 2));
   pieces.add(std::vector<std::uint8_t>(400, 0));  // contains no information
-  EXPECT_EQ(pieces.unproven_sources(), 1U);
-  pieces.keep(noise(400, 2));
-  EXPECT_EQ(pieces.unproven_sources(), 2U);
+  EXPECT_EQ(pieces.unproven_source_count(), 1U);
+  pieces.exclude(noise(400, 2));
+  EXPECT_EQ(pieces.unproven_source_count(), 2U);
 }
 
-TEST(PiecesTest, OfVeryMuchAnEvenChoiceIsLookedFor) {
+TEST(PiecesTest, SamplesPiecesEvenlyAboveTheLimit) {
   Pieces pieces(1'000'000, 2000);
   for (std::uint64_t i = 0; i < 100; ++i) pieces.add(noise(10'000, i));
   EXPECT_GT(pieces.total(), 900'000);
@@ -115,12 +116,12 @@ TEST(PiecesTest, OfVeryMuchAnEvenChoiceIsLookedFor) {
     std::vector<std::uint8_t> file(i, 7);
     const auto one = noise(10'000, i);
     file.insert(file.end(), one.begin(), one.end());
-    EXPECT_TRUE(pieces.in(file)) << i;
+    EXPECT_TRUE(pieces.found_in(file)) << i;
   }
-  EXPECT_FALSE(pieces.in(noise(1'000'000, 777)));
+  EXPECT_FALSE(pieces.found_in(noise(1'000'000, 777)));
 }
 
-TEST_F(SearchTest, FoldersBelowAreSearchedLinksAndWhatIsTooMuchAreTold) {
+TEST_F(SearchBelowTest, SearchesSubfoldersAndReportsLinksAndSkippedFolders) {
   Pieces pieces;
   pieces.add(noise(100, 1));
   make_folder(path("sub"));
@@ -132,14 +133,14 @@ TEST_F(SearchTest, FoldersBelowAreSearchedLinksAndWhatIsTooMuchAreTold) {
   std::filesystem::create_directory_symlink(folder_, path("sub/round"));
   SearchReport report = search_below(pieces, folder_, {});
   EXPECT_THAT(report.files, ElementsAre(path("own"), path("sub/other"), path("sub/deeper/file")));
-  EXPECT_THAT(report.found, ElementsAre(path("sub/deeper/file")));
+  EXPECT_THAT(report.files_with_pieces, ElementsAre(path("sub/deeper/file")));
   EXPECT_EQ(report.links, 2);
   EXPECT_EQ(report.folders, 3);
   EXPECT_THAT(report.skipped, IsEmpty());
   SearchLimits limits;
   limits.max_depth = 1;
   report = search_below(pieces, folder_, {}, limits);
-  EXPECT_THAT(report.found, IsEmpty());
+  EXPECT_THAT(report.files_with_pieces, IsEmpty());
   EXPECT_THAT(report.skipped, ElementsAre(HasSubstr("sub/deeper: too many folders")));
   limits = {};
   limits.max_files = 1;  // the folder's own files are always searched

@@ -39,14 +39,14 @@ cv::Mat equalize_halves(const cv::Mat& gray) {
 cv::Mat classical_face(const cv::Mat& gray, const Eyes& eyes, const ClassicalOptions& options,
                        DebugSink* debug) {
   options.check();
-  const cv::Mat cut =
-      cut_face(gray, eyes, {{options.size, options.size}, options.eye_x, options.eye_y});
-  if (debug != nullptr) debug->image("cut", cut);
+  const cv::Mat crop =
+      crop_face(gray, eyes, {{options.size, options.size}, options.eye_x, options.eye_y});
+  if (debug != nullptr) debug->image("cut", crop);
   cv::Mat face;
   if (options.halves) {
-    face = equalize_halves(cut);
+    face = equalize_halves(crop);
   } else {
-    cv::equalizeHist(cut, face);
+    cv::equalizeHist(crop, face);
   }
   if (debug != nullptr) debug->image("equalised", face);
   if (options.smooth_color > 0) {
@@ -66,13 +66,14 @@ cv::Mat classical_face(const cv::Mat& gray, const Eyes& eyes, const ClassicalOpt
   return face;
 }
 
-cv::Mat classical_face(const cv::Mat& crop, const CutOptions& cut, const ClassicalOptions& options,
-                       DebugSink* debug) {
-  cut.check();
-  const double y = cut.eye_y * crop.rows - 0.5;
-  return classical_face(crop,
-                        {{cut.eye_x * crop.cols - 0.5, y}, {(1 - cut.eye_x) * crop.cols - 0.5, y}},
-                        options, debug);
+cv::Mat classical_face(const cv::Mat& crop, const CropOptions& crop_options,
+                       const ClassicalOptions& options, DebugSink* debug) {
+  crop_options.check();
+  const double y = crop_options.eye_y * crop.rows - 0.5;
+  return classical_face(
+      crop,
+      {{crop_options.eye_x * crop.cols - 0.5, y}, {(1 - crop_options.eye_x) * crop.cols - 0.5, y}},
+      options, debug);
 }
 
 double face_difference(const cv::Mat& a, const cv::Mat& b) {

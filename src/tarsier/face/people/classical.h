@@ -36,8 +36,8 @@ struct ClassicalOptions {
 [[nodiscard]] cv::Mat classical_face(const cv::Mat& gray, const Eyes& eyes,
                                      const ClassicalOptions& options = {},
                                      DebugSink* debug = nullptr);
-// From a face that cut_face() cropped with `cut`.
-[[nodiscard]] cv::Mat classical_face(const cv::Mat& crop, const CutOptions& cut = {},
+// From a face that crop_face() cropped with `crop_options`.
+[[nodiscard]] cv::Mat classical_face(const cv::Mat& crop, const CropOptions& crop_options = {},
                                      const ClassicalOptions& options = {},
                                      DebugSink* debug = nullptr);
 

@@ -32,7 +32,7 @@ cv::Point2d darkest(const cv::Mat& image, const cv::Rect& area) {
   return {area.x + m.m10 / m.m00, area.y + m.m01 / m.m00};
 }
 
-class Kept final : public DebugSink {
+class RecordingSink final : public DebugSink {
  public:
   void image(std::string_view name, const cv::Mat& image) override {
     images[std::string(name)] = image.clone();
@@ -40,16 +40,16 @@ class Kept final : public DebugSink {
   std::map<std::string, cv::Mat> images;
 };
 
-TEST(CutTest, EyesLieWhereTheyShouldWhateverTheirPlaceSizeAndTurn) {
-  const CutOptions cut;
+TEST(CropFaceTest, PutsEyesAtFixedPositions) {
+  const CropOptions options;
   for (const double degrees : {-25.0, 0.0, 17.0}) {
     for (const double distance : {24.0, 60.0, 110.0}) {
       const double a = degrees * CV_PI / 180;
       const cv::Point2d half(0.5 * distance * std::cos(a), 0.5 * distance * std::sin(a));
       const cv::Point2d middle(203.3, 110.7);
       const Eyes eyes{middle - half, middle + half};
-      const cv::Mat face = cut_face(drawn_face(eyes), eyes, cut);
-      ASSERT_EQ(face.size(), cut.size);
+      const cv::Mat face = crop_face(drawn_face(eyes), eyes, options);
+      ASSERT_EQ(face.size(), options.size);
       const cv::Point2d left = darkest(face, {0, 30, 64, 50});
       const cv::Point2d right = darkest(face, {64, 30, 64, 50});
       EXPECT_NEAR(left.x, 0.27 * 128 - 0.5, 0.8) << degrees << " " << distance;
@@ -60,19 +60,19 @@ TEST(CutTest, EyesLieWhereTheyShouldWhateverTheirPlaceSizeAndTurn) {
   }
 }
 
-TEST(CutTest, OutsideTheImageTheEdgeIsRepeated) {
+TEST(CropFaceTest, ReplicatesTheImageBorder) {
   const Eyes eyes{{2, 5}, {30, 5}};
-  const cv::Mat face = cut_face(cv::Mat(100, 40, CV_8UC1, cv::Scalar(77)), eyes);
+  const cv::Mat face = crop_face(cv::Mat(100, 40, CV_8UC1, cv::Scalar(77)), eyes);
   EXPECT_EQ(cv::countNonZero(face != 77), 0);
 }
 
-TEST(CutTest, EyesThatCannotBeAreRefused) {
+TEST(CropFaceTest, RejectsInvalidEyes) {
   const cv::Mat gray(50, 50, CV_8UC1, cv::Scalar(0));
-  EXPECT_THROW((void)cut_face(gray, {{5, 5}, {5, 5}}), std::invalid_argument);
-  EXPECT_THROW((void)cut_face(gray, {{NAN, 5}, {25, 5}}), std::invalid_argument);
+  EXPECT_THROW((void)crop_face(gray, {{5, 5}, {5, 5}}), std::invalid_argument);
+  EXPECT_THROW((void)crop_face(gray, {{NAN, 5}, {25, 5}}), std::invalid_argument);
 }
 
-TEST(PointsTest, TheSimilarityGivesBackTheEyesOfAnUprightFace) {
+TEST(EyesFromLandmarksTest, RecoversEyesAndKeepsScaleOfProfiles) {
   Eigen::Matrix2Xd points = Eigen::Matrix2Xd::Zero(2, 68);
   const auto put = [&](int first, int count, double x, double y) {
     for (int i = first; i < first + count; ++i) points.col(i) << 100 + 40 * x, 80 + 40 * y;
@@ -81,19 +81,19 @@ TEST(PointsTest, TheSimilarityGivesBackTheEyesOfAnUprightFace) {
   put(42, 6, 0.5, 0);
   put(31, 5, 0, 0.70);
   put(50, 3, 0, 0.93);
-  const Eyes eyes = eyes_of_points(points);
+  const Eyes eyes = eyes_from_landmarks(points);
   EXPECT_NEAR(eyes.left.x, 80, 1e-9);
   EXPECT_NEAR(eyes.right.x, 120, 1e-9);
   EXPECT_NEAR(eyes.left.y, 80, 1e-9);
   // In a profile view the eyes are closer together. The length of the face keeps the scale.
   put(36, 6, -0.3, 0);
   put(42, 6, 0.3, 0);
-  EXPECT_GT(eyes_of_points(points).distance(), 1.3 * 24);
+  EXPECT_GT(eyes_from_landmarks(points).distance(), 1.3 * 24);
 }
 
-TEST(ClassicalTest, StagesFollowEachOther) {
+TEST(ClassicalTest, ReportsAllStages) {
   const Eyes eyes{{150, 100}, {220, 112}};
-  Kept kept;
+  RecordingSink kept;
   const cv::Mat face = classical_face(drawn_face(eyes), eyes, {}, &kept);
   ASSERT_EQ(face.size(), cv::Size(70, 70));
   ASSERT_EQ(kept.images.size(), 4U);
@@ -102,17 +102,17 @@ TEST(ClassicalTest, StagesFollowEachOther) {
   EXPECT_LT(kept.images["cut"].at<unsigned char>(10, 11), 40);  // an eye
 }
 
-TEST(ClassicalTest, FromTheCutFaceItIsTheSameAsFromTheImage) {
+TEST(ClassicalTest, CropAndImageGiveTheSameFace) {
   const Eyes eyes{{150, 100}, {206, 104}};
   const cv::Mat image = drawn_face(eyes);
-  Kept direct;
-  Kept through;
+  RecordingSink direct;
+  RecordingSink through;
   (void)classical_face(image, eyes, {}, &direct);
-  (void)classical_face(cut_face(image, eyes), CutOptions(), {}, &through);
+  (void)classical_face(crop_face(image, eyes), CropOptions(), {}, &through);
   EXPECT_LT(face_difference(direct.images["cut"], through.images["cut"]), 0.15);
 }
 
-TEST(ClassicalTest, ShadeOnOneSideIsEvenedOut) {
+TEST(ClassicalTest, EqualizeHalvesReducesSideLight) {
   cv::Mat even(70, 70, CV_8UC1);
   cv::randu(even, 80, 180);
   cv::Mat shaded = even.clone();
@@ -124,7 +124,7 @@ TEST(ClassicalTest, ShadeOnOneSideIsEvenedOut) {
   EXPECT_LT(after, before / 3);
 }
 
-TEST(ClassicalTest, DifferenceIsThatOfTheBook) {
+TEST(ClassicalTest, FaceDifferenceMatchesItsFormula) {
   const cv::Mat a(70, 70, CV_8UC1, cv::Scalar(100));
   EXPECT_EQ(face_difference(a, a), 0);
   EXPECT_NEAR(face_difference(a, a + 21), 0.3, 1e-9);

@@ -15,27 +15,27 @@ void CollectOptions::check() const {
 Collector::Collector(const CollectOptions& options) : options_(options) { options_.check(); }
 
 std::string Collector::offer(const Face& face, double time, bool video) {
-  const auto refused = [&](const std::string& reason) {
-    ++refused_[reason];
+  const auto rejected = [&](const std::string& reason) {
+    ++rejected_[reason];
     return reason;
   };
   if (options_.check_quality) {
-    if (!face.trusted) return refused("uncertain face");
-    const std::vector<std::string> flaws = problems(face.quality, options_.gate);
-    if (!flaws.empty()) return refused(flaws.front());
+    if (!face.trusted) return rejected("uncertain face");
+    const std::vector<std::string> flaws = quality_problems(face.quality, options_.gate);
+    if (!flaws.empty()) return rejected(flaws.front());
   }
   const cv::Mat prepared = classical_face(face.crop);
   if (video && !last_.empty()) {
-    if (time - last_time_ < options_.min_seconds) return refused("too soon");
+    if (time - last_time_ < options_.min_seconds) return rejected("too soon");
     if (face_difference(prepared, last_) <= options_.min_difference)
-      return refused("too much like the last");
+      return rejected("too much like the last");
   }
   last_ = prepared;
   last_time_ = time;
-  ++taken_;
+  ++accepted_;
   return "";
 }
 
-void Collector::restart() { last_.release(); }
+void Collector::reset() { last_.release(); }
 
 }  // namespace tarsier::face::people

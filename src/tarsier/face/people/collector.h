@@ -35,19 +35,19 @@ class Collector {
   // "too much like the last"). `video`: frames are consecutive; `time` in s.
   std::string offer(const Face& face, double time, bool video);
   // Counts an image that gave no face to offer, with the reason.
-  void refuse(const std::string& reason) { ++refused_[reason]; }
+  void reject(const std::string& reason) { ++rejected_[reason]; }
   // Forgets the last face. Call for another video or person.
-  void restart();
+  void reset();
 
-  [[nodiscard]] std::int64_t taken() const { return taken_; }
-  [[nodiscard]] const std::map<std::string, std::int64_t>& refused() const { return refused_; }
+  [[nodiscard]] std::int64_t accepted() const { return accepted_; }
+  [[nodiscard]] const std::map<std::string, std::int64_t>& rejected() const { return rejected_; }
 
  private:
   CollectOptions options_;
   cv::Mat last_;  // classical_face()
   double last_time_ = 0;
-  std::int64_t taken_ = 0;
-  std::map<std::string, std::int64_t> refused_;
+  std::int64_t accepted_ = 0;
+  std::map<std::string, std::int64_t> rejected_;
 };
 
 }  // namespace tarsier::face::people

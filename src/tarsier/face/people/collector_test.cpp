@@ -19,36 +19,36 @@ Face face(int seed) {
   return out;
 }
 
-TEST(CollectorTest, InVideosFacesMustDifferAndTimePass) {
+TEST(CollectorTest, VideoFacesMustDifferInTimeAndContent) {
   Collector collector;
   EXPECT_EQ(collector.offer(face(1), 0, true), "");
   EXPECT_EQ(collector.offer(face(2), 0.5, true), "too soon");
   EXPECT_EQ(collector.offer(face(1), 1.5, true), "too much like the last");
   EXPECT_EQ(collector.offer(face(2), 1.6, true), "");
-  EXPECT_EQ(collector.taken(), 2);
-  EXPECT_EQ(collector.refused().at("too soon"), 1);
-  collector.restart();
+  EXPECT_EQ(collector.accepted(), 2);
+  EXPECT_EQ(collector.rejected().at("too soon"), 1);
+  collector.reset();
   EXPECT_EQ(collector.offer(face(2), 1.7, true), "");
 }
 
-TEST(CollectorTest, UncertainFacesAreRefusedUnlessNobodyChecks) {
+TEST(CollectorTest, RejectsUncertainFacesIfQualityIsChecked) {
   Face uncertain = face(1);
   uncertain.trusted = false;
   Collector strict;
   EXPECT_EQ(strict.offer(uncertain, 0, false), "uncertain face");
-  EXPECT_EQ(strict.taken(), 0);
+  EXPECT_EQ(strict.accepted(), 0);
   CollectOptions any;
   any.check_quality = false;
   EXPECT_EQ(Collector(any).offer(uncertain, 0, false), "");
 }
 
-TEST(CollectorTest, StillImagesAreEachTaken) {
+TEST(CollectorTest, AcceptsEachStillImage) {
   Collector collector;
   EXPECT_EQ(collector.offer(face(1), 0, false), "");
   EXPECT_EQ(collector.offer(face(1), 0, false), "");
 }
 
-TEST(CollectorTest, BadFacesAreRefusedUnlessNobodyChecks) {
+TEST(CollectorTest, RejectsFacesOfLowQualityIfQualityIsChecked) {
   Face small = face(1);
   small.quality.eye_distance = 5;
   Collector strict;

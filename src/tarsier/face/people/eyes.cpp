@@ -29,7 +29,7 @@ constexpr NameTable<EyeMethod, 3> kMethods{"way to find eyes",
                                                {EyeMethod::kSplits, "2splits"},
                                            }}};
 // Smallest eye, share of the region's width.
-constexpr double kSmallestEye = 0.3;
+constexpr double kMinEyeWidth = 0.3;
 
 cv::Rect region_of(const EyeRegion& region, const cv::Rect& face, bool right) {
   const double x = right ? 1 - region.x - region.width : region.x;
@@ -37,18 +37,18 @@ cv::Rect region_of(const EyeRegion& region, const cv::Rect& face, bool right) {
           cvRound(region.width * face.width), cvRound(region.height * face.height)};
 }
 
-std::optional<cv::Point2d> find_in(Cascade& cascade, const cv::Mat& gray, const cv::Rect& wanted) {
-  const cv::Rect area = wanted & cv::Rect(0, 0, gray.cols, gray.rows);
+std::optional<cv::Point2d> find_eye(Cascade& cascade, const cv::Mat& gray, const cv::Rect& region) {
+  const cv::Rect area = region & cv::Rect(0, 0, gray.cols, gray.rows);
   if (area.width < 8 || area.height < 8) return std::nullopt;
   cv::Mat part;
   cv::equalizeHist(gray(area), part);
   // Cascades cannot detect below their window size, so small faces are enlarged.
   const cv::Size own = cascade.window();
-  const double zoom = std::max(1.0, own.width / (kSmallestEye * area.width));
+  const double zoom = std::max(1.0, own.width / (kMinEyeWidth * area.width));
   if (zoom > 1) cv::resize(part, part, {}, zoom, zoom, cv::INTER_LINEAR);
-  const int least = std::max(own.width, cvRound(kSmallestEye * part.cols));
+  const int min_width = std::max(own.width, cvRound(kMinEyeWidth * part.cols));
   const std::vector<cv::Rect> found =
-      cascade.detect(part, {.min = {least, least * own.height / std::max(1, own.width)}});
+      cascade.detect(part, {.min = {min_width, min_width * own.height / std::max(1, own.width)}});
   if (found.empty()) return std::nullopt;
   const cv::Rect& box =
       *std::max_element(found.begin(), found.end(),
@@ -80,7 +80,7 @@ struct EyeDetector::Impl {
   static std::optional<cv::Point2d> first(std::vector<Cascade>& cascades, const cv::Mat& gray,
                                           const cv::Rect& area) {
     for (Cascade& cascade : cascades)
-      if (const auto eye = find_in(cascade, gray, area)) return eye;
+      if (const auto eye = find_eye(cascade, gray, area)) return eye;
     return std::nullopt;
   }
 };
@@ -115,7 +115,7 @@ std::optional<Eyes> EyeDetector::find(const cv::Mat& gray, const cv::Rect& face)
   return eyes;
 }
 
-cv::Mat cut_face(const cv::Mat& gray, const Eyes& eyes, const CutOptions& options) {
+cv::Mat crop_face(const cv::Mat& gray, const Eyes& eyes, const CropOptions& options) {
   require_gray(gray);
   options.check();
   for (const double value : {eyes.left.x, eyes.left.y, eyes.right.x, eyes.right.y})
@@ -142,7 +142,7 @@ cv::Mat cut_face(const cv::Mat& gray, const Eyes& eyes, const CutOptions& option
   return out;
 }
 
-Eyes eyes_of_points(const Eigen::Matrix2Xd& points) {
+Eyes eyes_from_landmarks(const Eigen::Matrix2Xd& points) {
   TARSIER_REQUIRE(points.cols() == 68 && points.allFinite(), "{} points", points.cols());
   using Complex = std::complex<double>;
   const auto mean = [&](int first, int count) {
@@ -153,7 +153,7 @@ Eyes eyes_of_points(const Eigen::Matrix2Xd& points) {
   // with the origin midway between them. For the mouth, the upper lip is used, because the lower
   // one moves when speaking.
   struct Anchor {
-    Complex where;
+    Complex in_image;
     Complex in_face;
     double weight;
   };
@@ -162,24 +162,24 @@ Eyes eyes_of_points(const Eigen::Matrix2Xd& points) {
                             {mean(31, 5), {0, 0.70}, 1},
                             {mean(50, 3), {0, 0.93}, 1}};
   double weight = 0;
-  Complex center_where;
-  Complex center_face;
+  Complex center_in_image;
+  Complex center_in_face;
   for (const Anchor& a : anchors) {
     weight += a.weight;
-    center_where += a.weight * a.where;
-    center_face += a.weight * a.in_face;
+    center_in_image += a.weight * a.in_image;
+    center_in_face += a.weight * a.in_face;
   }
-  center_where /= weight;
-  center_face /= weight;
-  Complex top;
-  double bottom = 0;
+  center_in_image /= weight;
+  center_in_face /= weight;
+  Complex numerator;
+  double denominator = 0;
   for (const Anchor& a : anchors) {
-    top += a.weight * std::conj(a.in_face - center_face) * (a.where - center_where);
-    bottom += a.weight * std::norm(a.in_face - center_face);
+    numerator += a.weight * std::conj(a.in_face - center_in_face) * (a.in_image - center_in_image);
+    denominator += a.weight * std::norm(a.in_face - center_in_face);
   }
-  const Complex turn = top / bottom;
-  const Complex left = center_where + turn * (Complex(-0.5, 0) - center_face);
-  const Complex right = center_where + turn * (Complex(0.5, 0) - center_face);
+  const Complex turn = numerator / denominator;
+  const Complex left = center_in_image + turn * (Complex(-0.5, 0) - center_in_face);
+  const Complex right = center_in_image + turn * (Complex(0.5, 0) - center_in_face);
   return {{left.real(), left.imag()}, {right.real(), right.imag()}};
 }
 

@@ -54,7 +54,7 @@ class EyeDetector {
 };
 
 // The crop is a similarity transform: rotation, scale and translation only.
-struct CutOptions {
+struct CropOptions {
   cv::Size size{128, 160};  // px
   // Of the left eye, share of the width; the right eye is mirrored.
   double eye_x = 0.27;
@@ -71,12 +71,12 @@ struct CutOptions {
 
 // CV_8UC1 of options.size with unchanged brightness; outside the image, the border is replicated.
 // Throws std::invalid_argument for eyes that are less than a pixel apart or not finite.
-[[nodiscard]] cv::Mat cut_face(const cv::Mat& gray, const Eyes& eyes,
-                               const CutOptions& options = {});
+[[nodiscard]] cv::Mat crop_face(const cv::Mat& gray, const Eyes& eyes,
+                                const CropOptions& options = {});
 
 // The centres of the eyes from 68 points (300-W order, 2 x 68, px), by a least-squares similarity
 // of eyes, nose and mouth. Turned or tilted faces keep their scale; with the eye distance alone
 // they would not.
-[[nodiscard]] Eyes eyes_of_points(const Eigen::Matrix2Xd& points);
+[[nodiscard]] Eyes eyes_from_landmarks(const Eigen::Matrix2Xd& points);
 
 }  // namespace tarsier::face::people

@@ -16,14 +16,14 @@
 namespace tarsier::face::people {
 namespace {
 
-// Weight of the points' score in the logit of the trust.
-constexpr double kOfPoints = 8.4;
+// Weight of the points' score in the logit of the probability.
+constexpr double kLandmarkWeight = 8.4;
 // Used where the detector's score is no probability: the points' score at even odds, and the min
 // points' score of a face that only the less strict search found.
-constexpr double kEvenPoints = 0.45;
-constexpr double kMinUnsure = 0.5;
+constexpr double kEvenOddsScore = 0.45;
+constexpr double kMinLenientScore = 0.5;
 // Faces with points below this score are rejected, whatever the detector's score.
-constexpr double kMinPoints = 0.1;
+constexpr double kMinLandmarkScore = 0.1;
 
 // The box that a detector draws around a face with these eyes.
 cv::Rect2d box_of_eyes(const Eyes& eyes) {
@@ -32,7 +32,8 @@ cv::Rect2d box_of_eyes(const Eyes& eyes) {
   return {middle.x - width / 2, middle.y - 0.38 * width, width, width};
 }
 
-void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face, const CutOptions& cut) {
+void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face,
+                 const CropOptions& crop_options) {
   cv::Mat image;
   cv::cvtColor(gray, image, cv::COLOR_GRAY2BGR);
   cv::rectangle(image, face.box, cv::Scalar(60, 220, 60), 2);
@@ -42,31 +43,33 @@ void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face, const 
   debug.image("found", image);
   debug.image("aligned", face.crop);
   debug.image("light taken out", recognition::light_image(recognition::tan_triggs(face.crop)));
-  (void)classical_face(face.crop, cut, {}, &debug);
+  (void)classical_face(face.crop, crop_options, {}, &debug);
 }
 
 }  // namespace
 
-double trust_in(double detection, double points) {
-  constexpr double kLeast = 0.02;  // the detector's probability is clamped to [kLeast, kMost]
-  constexpr double kMost = 0.99;
-  constexpr double kOfDetector = 0.65;
+double face_probability(double detection, double points) {
+  // The detector's probability is clamped to this range.
+  constexpr double kMinProbability = 0.02;
+  constexpr double kMaxProbability = 0.99;
+  constexpr double kDetectorWeight = 0.65;
   // Even odds would be at -4.8. A false face or wrong points harm the person they are enrolled
   // with. So a face must be four times as likely as no face.
   constexpr double kBias = -6.2;
-  const double p = std::clamp(detection, kLeast, kMost);
-  return logistic(kOfDetector * std::log(p / (1 - p)) + kOfPoints * points + kBias);
+  const double p = std::clamp(detection, kMinProbability, kMaxProbability);
+  return logistic(kDetectorWeight * std::log(p / (1 - p)) + kLandmarkWeight * points + kBias);
 }
 
 void FaceReaderOptions::check() const {
   check_fields(*this);
-  cut.check();
+  crop.check();
   tracker.check();
 }
 
 struct FaceReader::Impl {
   std::shared_ptr<const landmarks::LandmarkModel> model;
-  bool judged;  // the detector's scores are probabilities: see `anchors` of landmarks::FaceFinder
+  // The detector's scores are probabilities: see `anchors` of landmarks::FaceFinder.
+  bool has_probability;
   landmarks::FaceFinder finder;
   std::optional<EyeDetector> eyes;
   landmarks::FitWorkspace workspace;
@@ -83,10 +86,10 @@ FaceReader::FaceReader(const FaceReaderOptions& options,
     TARSIER_REQUIRE(model != nullptr && model->points() == 68,
                     "a landmark model of 68 points is needed");
   }
-  const bool judged = networks != nullptr && anchors != nullptr;
+  const bool has_probability = networks != nullptr && anchors != nullptr;
   impl_ = std::make_unique<Impl>(Impl{
       std::move(model),
-      judged,
+      has_probability,
       networks ? landmarks::FaceFinder(std::move(networks), options_.finder, std::move(anchors))
                : landmarks::FaceFinder(options_.finder),
       {},
@@ -98,37 +101,39 @@ FaceReader::~FaceReader() = default;
 FaceReader::FaceReader(FaceReader&&) noexcept = default;
 FaceReader& FaceReader::operator=(FaceReader&&) noexcept = default;
 
-Face FaceReader::at_eyes(const cv::Mat& gray, const Eyes& eyes) const {
+Face FaceReader::face_from_eyes(const cv::Mat& gray, const Eyes& eyes) const {
   Face face;
   face.eyes = eyes;
   face.box = box_of_eyes(eyes);
-  face.crop = cut_face(gray, eyes, options_.cut);
+  face.crop = crop_face(gray, eyes, options_.crop);
   face.quality = measure_quality(face.crop, face.eyes, {});
   return face;
 }
 
 std::vector<Face> FaceReader::read_by_landmarks(const cv::Mat& gray) {
-  const double min_unsure = impl_->judged ? options_.min_score : kMinUnsure;
+  const double min_lenient_score = impl_->has_probability ? options_.min_score : kMinLenientScore;
   const bool uncertain_too = options_.min_uncertain < options_.min_trust;
   std::vector<Face> faces;
   std::optional<Face> uncertain;
-  double best_trust = options_.min_uncertain;
-  for (auto& found :
-       landmarks::find_faces(*impl_->model, {}, gray, impl_->finder, impl_->workspace,
-                             uncertain_too ? std::min(kMinPoints, min_unsure) : min_unsure)) {
+  double best_probability = options_.min_uncertain;
+  for (auto& found : landmarks::find_faces(
+           *impl_->model, {}, gray, impl_->finder, impl_->workspace,
+           uncertain_too ? std::min(kMinLandmarkScore, min_lenient_score) : min_lenient_score)) {
     Face face;
     face.box = found.box;
     face.points = std::move(found.fit.points);
     face.score = found.fit.score;
-    face.eyes = eyes_of_points(face.points);
+    face.eyes = eyes_from_landmarks(face.points);
     if (face.eyes.distance() < 2) continue;
-    const double trust = impl_->judged ? trust_in(found.detection, face.score)
-                                       : logistic(kOfPoints * (face.score - kEvenPoints));
-    face.trusted = trust >= options_.min_trust && (found.confident || face.score >= min_unsure);
+    const double probability = impl_->has_probability
+                                   ? face_probability(found.detection, face.score)
+                                   : logistic(kLandmarkWeight * (face.score - kEvenOddsScore));
+    face.trusted =
+        probability >= options_.min_trust && (found.confident || face.score >= min_lenient_score);
     if (face.trusted) {
       faces.push_back(std::move(face));
-    } else if (uncertain_too && trust >= best_trust) {
-      best_trust = trust;
+    } else if (uncertain_too && probability >= best_probability) {
+      best_probability = probability;
       uncertain = std::move(face);
     }
   }
@@ -156,16 +161,16 @@ std::vector<Face> FaceReader::read(const cv::Mat& gray, DebugSink* debug) {
     }
   }
   for (Face& face : faces) {
-    face.crop = cut_face(gray, face.eyes, options_.cut);
+    face.crop = crop_face(gray, face.eyes, options_.crop);
     face.quality = measure_quality(face.crop, face.eyes, face.points);
   }
   std::stable_sort(faces.begin(), faces.end(),
                    [](const Face& a, const Face& b) { return a.box.area() > b.box.area(); });
-  if (debug != nullptr && !faces.empty()) show_stages(*debug, gray, faces.front(), options_.cut);
+  if (debug != nullptr && !faces.empty()) show_stages(*debug, gray, faces.front(), options_.crop);
   return faces;
 }
 
-std::vector<Face> FaceReader::follow(const cv::Mat& gray, double time, DebugSink* debug) {
+std::vector<Face> FaceReader::track(const cv::Mat& gray, double time, DebugSink* debug) {
   if (options_.eyes != EyeMethod::kLandmarks) return read(gray, debug);
   require_gray(gray);
   without_eyes_ = 0;
@@ -177,9 +182,9 @@ std::vector<Face> FaceReader::follow(const cv::Mat& gray, double time, DebugSink
     face.points = std::move(tracked.points);
     face.score = tracked.score;
     face.id = tracked.id;
-    face.eyes = eyes_of_points(face.points);
+    face.eyes = eyes_from_landmarks(face.points);
     if (face.eyes.distance() < 2) continue;
-    face.crop = cut_face(gray, face.eyes, options_.cut);
+    face.crop = crop_face(gray, face.eyes, options_.crop);
     face.quality = measure_quality(face.crop, face.eyes, face.points);
     faces.push_back(std::move(face));
   }
@@ -187,11 +192,11 @@ std::vector<Face> FaceReader::follow(const cv::Mat& gray, double time, DebugSink
     const auto largest =
         std::max_element(faces.begin(), faces.end(),
                          [](const Face& a, const Face& b) { return a.box.area() < b.box.area(); });
-    show_stages(*debug, gray, *largest, options_.cut);
+    show_stages(*debug, gray, *largest, options_.crop);
   }
   return faces;
 }
 
-void FaceReader::restart() { impl_->state = {}; }
+void FaceReader::reset() { impl_->state = {}; }
 
 }  // namespace tarsier::face::people

@@ -22,7 +22,7 @@ namespace tarsier::face::people {
 struct Face {
   cv::Rect2d box;           // px, as the detector draws it
   Eyes eyes;                // px
-  cv::Mat crop;             // CV_8UC1, cut_face() with the reader's options
+  cv::Mat crop;             // CV_8UC1, crop_face() with the reader's options
   Eigen::Matrix2Xd points;  // 2 x 68, px; empty without landmarks
   double score = 1;         // score of the points, 0..1
   // False where the detection is probably no face, or where its points are probably wrong (face
@@ -38,20 +38,20 @@ struct Face {
 // faces68, plain and disguised (sunglasses, caps, beards, hands; the points of these score low),
 // and on images without faces. Without the detector that users can install, `detection` is no
 // probability, and only the points count.
-[[nodiscard]] double trust_in(double detection, double points);
+[[nodiscard]] double face_probability(double detection, double points);
 
-// Tuned on faces-wild: half of its images without a trusted face have a face of at least this trust.
-// Below this trust, identification is no better than chance.
+// Tuned on faces-wild: half of its images without a trusted face have a face of at least this
+// trust. Below this trust, identification is no better than chance.
 inline constexpr double kMinUncertain = 0.1;
 
 struct FaceReaderOptions {
   EyeMethod eyes = EyeMethod::kLandmarks;
-  CutOptions cut;
+  CropOptions crop;
   landmarks::FaceFinderOptions finder;
   // Min score of the points of a face that only the less strict search found. It applies only where
   // the finder has the detector that users can install.
   double min_score = 0.35;
-  double min_trust = 0.5;  // min trust_in() of any face
+  double min_trust = 0.5;  // min face_probability() of any face
   // If a still image has no trusted face, its most likely face is returned as not trusted, provided
   // that its trust is at least this. 1 disables it; kMinUncertain is a good value.
   double min_uncertain = 1;
@@ -85,12 +85,12 @@ class FaceReader {
   [[nodiscard]] std::vector<Face> read(const cv::Mat& gray, DebugSink* debug = nullptr);
   // The faces of the next frame of a video, at `time` (s). With landmarks, faces are tracked and
   // keep their id. `debug` receives the stages of the largest face.
-  [[nodiscard]] std::vector<Face> follow(const cv::Mat& gray, double time,
-                                         DebugSink* debug = nullptr);
+  [[nodiscard]] std::vector<Face> track(const cv::Mat& gray, double time,
+                                        DebugSink* debug = nullptr);
   // Drops all tracks, e.g. before another video.
-  void restart();
+  void reset();
   // The face with the given eyes.
-  [[nodiscard]] Face at_eyes(const cv::Mat& gray, const Eyes& eyes) const;
+  [[nodiscard]] Face face_from_eyes(const cv::Mat& gray, const Eyes& eyes) const;
 
   [[nodiscard]] const FaceReaderOptions& options() const { return options_; }
   [[nodiscard]] int without_eyes() const { return without_eyes_; }  // of the last image

@@ -165,7 +165,7 @@ std::string folder_of(const std::string& path) {
 }
 
 // Bytes that all PNGs of the same size share: signature, header, start of the data chunk.
-constexpr std::size_t kPngHead = 43;
+constexpr std::size_t kPngHeaderBytes = 43;
 
 void put_templates(Database& database, std::int64_t space,
                    std::span<const std::pair<std::int64_t, std::vector<float>>> templates) {
@@ -181,8 +181,8 @@ void put_templates(Database& database, std::int64_t space,
 
 }  // namespace
 
-Gallery::Gallery(const std::string& path, DatabaseAccess access, int patience_ms)
-    : database_(path, kKind, access, patience_ms) {}
+Gallery::Gallery(const std::string& path, DatabaseAccess access, int timeout_ms)
+    : database_(path, kKind, access, timeout_ms) {}
 
 std::vector<Person> Gallery::people() {
   Statement rows(database_,
@@ -215,7 +215,7 @@ Person Gallery::add_person(std::string_view name, std::string_view note, std::in
     if (!known) statement.bind(3, time);
     (void)statement.step();
   }
-  changed();
+  increment_generation();
   return *find(name);
 }
 
@@ -224,7 +224,7 @@ std::int64_t Gallery::add_face(const StoredFace& face) {
   TARSIER_REQUIRE(std::isfinite(face.quality), "quality {}", face.quality);
   TARSIER_REQUIRE(face.features.empty() || face.space != 0, "a template of no space");
   const std::vector<std::uint8_t> png = encode_image(".png", face.crop, path());
-  const std::string shown = masked(face.source);
+  const std::string masked_source = masked(face.source);
   {
     Statement insert(database_,
                      "INSERT INTO face(person, crop, quality, measures, source, time) "
@@ -233,7 +233,7 @@ std::int64_t Gallery::add_face(const StoredFace& face) {
         .bind(2, std::span<const std::uint8_t>(png))
         .bind(3, face.quality)
         .bind(4, std::string_view(face.measures))
-        .bind(5, std::string_view(shown).substr(0, kMaxSource))
+        .bind(5, std::string_view(masked_source).substr(0, kMaxSourceBytes))
         .bind(6, face.time);
     (void)insert.step();
   }
@@ -243,7 +243,7 @@ std::int64_t Gallery::add_face(const StoredFace& face) {
     insert.bind(1, id).bind(2, face.space).bind(3, bytes_of(face.features));
     (void)insert.step();
   }
-  changed();
+  increment_generation();
   return id;
 }
 
@@ -326,10 +326,10 @@ std::int64_t Gallery::face_count() {
   return row.step() ? row.integer(0) : 0;
 }
 
-std::int64_t Gallery::face_count_up_to(std::int64_t most) {
+std::int64_t Gallery::face_count_up_to(std::int64_t max_count) {
   Statement row(database_,
                 "SELECT count(*) FROM (SELECT 1 FROM face INDEXED BY face_by_person LIMIT ?)");
-  row.bind(1, most);
+  row.bind(1, max_count);
   return row.step() ? row.integer(0) : 0;
 }
 
@@ -343,7 +343,7 @@ std::optional<StoredFace> Gallery::latest_face(std::int64_t person) {
 namespace {
 
 // All stored face data: enrolled faces, sightings and negatives. Unknown sightings have owner 0.
-constexpr const char* kSecrets =
+constexpr const char* kStoredFaceData =
     "(SELECT person AS owner, 0 AS grouped, crop, numbers FROM face LEFT JOIN template ON "
     "template.face = face.id UNION ALL SELECT coalesce(person, 0), coalesce(grouped, 0), crop, "
     "numbers FROM seen_face JOIN sighting ON sighting.id = seen_face.sighting UNION ALL SELECT "
@@ -352,16 +352,17 @@ constexpr const char* kSecrets =
 }  // namespace
 
 // Reads the secret data of a face: its crop without the common PNG header, and its template.
-void Gallery::each_secret(
+void Gallery::each_stored_face_data(
     const std::string& condition, std::int64_t value,
     const std::function<void(std::int64_t, std::span<const std::uint8_t>)>& take) {
-  Statement rows(database_,
-                 fmt::format("SELECT owner, crop, numbers FROM {} WHERE {}", kSecrets, condition));
+  Statement rows(database_, fmt::format("SELECT owner, crop, numbers FROM {} WHERE {}",
+                                        kStoredFaceData, condition));
   rows.bind(1, value);
   while (rows.step()) {
     const std::vector<std::uint8_t> crop = rows.bytes(1);
     const std::vector<std::uint8_t> numbers = rows.bytes(2);
-    if (crop.size() > kPngHead) take(rows.integer(0), std::span(crop).subspan(kPngHead));
+    if (crop.size() > kPngHeaderBytes)
+      take(rows.integer(0), std::span(crop).subspan(kPngHeaderBytes));
     if (!numbers.empty()) take(rows.integer(0), numbers);
   }
 }
@@ -370,7 +371,7 @@ std::optional<ForgetReport> Gallery::forget(std::string_view name, const std::st
                                             const SearchLimits& limits) {
   const std::optional<Person> person = find(name);
   if (!person) return std::nullopt;
-  return forget_those(Forgotten::kPerson, person->id, stop, limits);
+  return forget_matching(ForgetScope::kPerson, person->id, stop, limits);
 }
 
 std::optional<ForgetReport> Gallery::forget_group(std::int64_t group, const std::stop_token& stop,
@@ -380,20 +381,20 @@ std::optional<ForgetReport> Gallery::forget_group(std::int64_t group, const std:
     row.bind(1, group);
     if (!row.step()) return std::nullopt;
   }
-  return forget_those(Forgotten::kGroup, group, stop, limits);
+  return forget_matching(ForgetScope::kGroup, group, stop, limits);
 }
 
 std::optional<ForgetReport> Gallery::forget_all(const std::stop_token& stop,
                                                 const SearchLimits& limits) {
-  return forget_those(Forgotten::kAll, 0, stop, limits);
+  return forget_matching(ForgetScope::kAll, 0, stop, limits);
 }
 
-std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t id,
-                                                  const std::stop_token& stop,
-                                                  const SearchLimits& limits) {
+std::optional<ForgetReport> Gallery::forget_matching(ForgetScope what, std::int64_t id,
+                                                     const std::stop_token& stop,
+                                                     const SearchLimits& limits) {
   ForgetReport report;
-  const bool group = what == Forgotten::kGroup;
-  const std::string own = what == Forgotten::kPerson ? "= ?" : ">= ?";  // ids are greater than 0
+  const bool group = what == ForgetScope::kGroup;
+  const std::string own = what == ForgetScope::kPerson ? "= ?" : ">= ?";  // ids are greater than 0
   const std::string secrets = group ? "grouped = ?" : "owner " + own;
   const std::string seen = group ? "id IN (SELECT sighting FROM seen_face WHERE grouped = ?)"
                                  : "coalesce(person, 0) " + own;
@@ -405,9 +406,9 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
   if (!group) {
     report.people = count("SELECT count(*) FROM person WHERE id " + own);
     if (report.people == 0 &&
-        (what == Forgotten::kPerson || count("SELECT count(*) FROM sighting WHERE id >= ?") == 0))
+        (what == ForgetScope::kPerson || count("SELECT count(*) FROM sighting WHERE id >= ?") == 0))
       return std::nullopt;
-    if (what == Forgotten::kPerson) {
+    if (what == ForgetScope::kPerson) {
       Statement row(database_,
                     "SELECT id, name, note, time, (SELECT count(*) FROM face WHERE person = "
                     "person.id) FROM person WHERE id = ?");
@@ -418,9 +419,9 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
   }
   Pieces pieces(count(fmt::format(
       "SELECT coalesce(sum(length(crop) + coalesce(length(numbers), 0)), 0) FROM {} WHERE {}",
-      kSecrets, secrets)));
-  each_secret(secrets, id,
-              [&](std::int64_t, std::span<const std::uint8_t> bytes) { pieces.add(bytes); });
+      kStoredFaceData, secrets)));
+  each_stored_face_data(
+      secrets, id, [&](std::int64_t, std::span<const std::uint8_t> bytes) { pieces.add(bytes); });
   const auto learned_from_them = [&] {
     return !group && model_id() != 0 &&
            count(
@@ -433,7 +434,7 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
       [&] {
         std::vector<std::int64_t> stay;
         for (const FaceRef& ref : face_refs())
-          if (group || (what == Forgotten::kPerson && ref.person != id)) stay.push_back(ref.id);
+          if (group || (what == ForgetScope::kPerson && ref.person != id)) stay.push_back(ref.id);
         return stay;
       },
       learned_from_them(), stop);
@@ -446,8 +447,8 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
       (void)removal.step();
     };
     if (!group) {
-      report.unlearned = learned_from_them();
-      if (report.unlearned) drop_model();
+      report.model_removed = learned_from_them();
+      if (report.model_removed) drop_model();
     }
     remove("DELETE FROM sighting WHERE " + seen);  // and their faces
     if (!group) {
@@ -462,7 +463,7 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
       }
     }
     // Corrections name these people and could restore them.
-    if (what == Forgotten::kAll) {
+    if (what == ForgetScope::kAll) {
       database_.run("DELETE FROM correction");
     } else {
       remove(group ? "DELETE FROM correction WHERE (kind IN ('merge groups', 'split group') AND ?1 "
@@ -473,24 +474,25 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
           "DELETE FROM correction WHERE undoes > 0 AND undoes NOT IN (SELECT id FROM correction)");
     }
     drop_empty_groups();
-    if (!group) count_removal();
+    if (!group) increment_removals();
     put_setting("index", index.replace(setting("index")));
-    report.index = index.fate();
-    changed();
+    report.index = index.outcome();
+    increment_generation();
     transaction.commit();
   }
   index.finish();
-  report.log_emptied = give_back_room();
+  report.log_emptied = shrink_file();
   report.search = search_below(pieces, folder_of(path()), stop, limits);
-  if (!report.search.found.empty() && what != Forgotten::kAll) {
+  if (!report.search.files_with_pieces.empty() && what != ForgetScope::kAll) {
     // Ignore pieces that faces of other people also contain. They are read only if something was
     // found.
     std::vector<std::int64_t> others;
-    each_secret("owner >= ?", 0, [&](std::int64_t other, std::span<const std::uint8_t> bytes) {
-      throw_if_stopped(stop);
-      if (pieces.keep(bytes) > 0 && (others.empty() || others.back() != other))
-        others.push_back(other);
-    });
+    each_stored_face_data(
+        "owner >= ?", 0, [&](std::int64_t other, std::span<const std::uint8_t> bytes) {
+          throw_if_stopped(stop);
+          if (pieces.exclude(bytes) > 0 && (others.empty() || others.back() != other))
+            others.push_back(other);
+        });
     std::sort(others.begin(), others.end());
     others.erase(std::unique(others.begin(), others.end()), others.end());
     for (const std::int64_t other : others) {
@@ -499,29 +501,31 @@ std::optional<ForgetReport> Gallery::forget_those(Forgotten what, std::int64_t i
       report.shared_with.push_back(row.step() ? row.text(0) : "unknown");
     }
   }
-  const auto again = [&] {
-    const std::vector<std::string> suspects = std::exchange(report.search.found, {});
+  const auto search_again = [&] {
+    const std::vector<std::string> suspects = std::exchange(report.search.files_with_pieces, {});
     std::int64_t ignored = 0;
-    report.search.found = search_files(pieces, suspects, report.search.unread, ignored, stop);
+    report.search.files_with_pieces =
+        search_files(pieces, suspects, report.search.unreadable, ignored, stop);
   };
-  if (!report.search.found.empty()) {
-    again();
+  if (!report.search.files_with_pieces.empty()) {
+    search_again();
     // SQLite may have left bytes of moved rows in the free space of a page.
     const auto own_file = [&](const std::string& file) {
       std::error_code error;
       return std::filesystem::equivalent(file, path(), error) ||
              file.ends_with(std::filesystem::path(path()).filename().string() + "-wal");
     };
-    if (std::any_of(report.search.found.begin(), report.search.found.end(), own_file)) {
+    if (std::any_of(report.search.files_with_pieces.begin(), report.search.files_with_pieces.end(),
+                    own_file)) {
       database_.vacuum();
-      report.log_emptied = give_back_room();
-      again();
+      report.log_emptied = shrink_file();
+      search_again();
     }
   }
-  report.pieces = pieces.total();
-  report.searched = static_cast<std::int64_t>(pieces.count());
-  report.shared = static_cast<std::int64_t>(pieces.kept());
-  report.unproven = static_cast<std::int64_t>(pieces.unproven_sources());
+  report.total_pieces = pieces.total();
+  report.searched_pieces = static_cast<std::int64_t>(pieces.count());
+  report.shared_pieces = static_cast<std::int64_t>(pieces.excluded());
+  report.unproven_records = static_cast<std::int64_t>(pieces.unproven_source_count());
   return report;
 }
 
@@ -530,7 +534,7 @@ std::int64_t Gallery::generation() {
   return row.step() ? row.integer(0) : 0;
 }
 
-void Gallery::changed() {
+void Gallery::increment_generation() {
   database_.run(
       "INSERT INTO setting(name, value) VALUES('generation', '1') ON CONFLICT(name) DO UPDATE SET "
       "value = CAST(CAST(value AS INTEGER) + 1 AS TEXT)");
@@ -545,7 +549,7 @@ void Gallery::drop_model() {
 
 // Returns whether the write-ahead log is now empty. Deleted rows were overwritten with zeros, so
 // the file need not be rewritten.
-bool Gallery::give_back_room() {
+bool Gallery::shrink_file() {
   database_.run("PRAGMA incremental_vacuum");
   Statement checkpoint(database_, "PRAGMA wal_checkpoint(TRUNCATE)");
   return checkpoint.step() && checkpoint.integer(0) == 0;
@@ -565,7 +569,7 @@ std::optional<std::int64_t> Gallery::store_model(
   {
     Statement insert(database_, "INSERT INTO learned(generation, space, body) VALUES(?, ?, ?)");
     insert
-        .bind(1, generation + 1)  // the value that changed() sets below
+        .bind(1, generation + 1)  // the value that increment_generation() sets below
         .bind(2, space)
         .bind(3, std::span(reinterpret_cast<const std::uint8_t*>(body.data()), body.size()));
     (void)insert.step();
@@ -586,7 +590,7 @@ std::optional<std::int64_t> Gallery::store_model(
     (void)remove.step();
   }
   put_templates(database_, space == 0 ? id : space, templates);
-  changed();
+  increment_generation();
   transaction.commit();
   return id;
 }
@@ -663,7 +667,7 @@ void Gallery::set_setting(const char* name, std::string_view value) {
     (void)insert.step();
   }
   drop_model();
-  changed();
+  increment_generation();
   transaction.commit();
 }
 

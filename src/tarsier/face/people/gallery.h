@@ -34,7 +34,7 @@ struct Person {
 struct StoredFace {
   std::int64_t id = 0;
   std::int64_t person = 0;
-  cv::Mat crop;                 // CV_8UC1, as from cut_face()
+  cv::Mat crop;                 // CV_8UC1, as from crop_face()
   std::vector<float> features;  // the template; empty: not computed yet
   std::int64_t space = 0;       // of the template, see StoredModel; 0: no template
   double quality = 0;           // 0..1
@@ -66,8 +66,8 @@ struct StoredModel {
 };
 
 // A face of a sighting.
-struct SeenFace {
-  cv::Mat crop;          // CV_8UC1, as from cut_face()
+struct SightingFace {
+  cv::Mat crop;          // CV_8UC1, as from crop_face()
   double quality = 0;    // 0..1
   std::string measures;  // JSON object of the quality measures
 };
@@ -122,7 +122,7 @@ struct CorrectionStamp {
 };
 
 // What happened to a gallery's index (gallery_index.h) when a person was forgotten.
-enum class IndexFate {
+enum class IndexOutcome {
   kNone,       // there was none
   kKept,       // it contained none of the faces
   kRewritten,  // it was rewritten without them
@@ -140,23 +140,23 @@ struct ForgetReport {
   Person person;            // with the number of removed faces; no name if all were forgotten
   std::int64_t people = 0;  // removed people
   std::int64_t sightings = 0;
-  bool unlearned = false;     // the model was trained on these faces, so it was removed too
-  std::int64_t pieces = 0;    // number of 32-byte pieces of the removed crops and templates
-  std::int64_t searched = 0;  // pieces that were searched for
+  bool model_removed = false;        // the model was trained on these faces, so it was removed too
+  std::int64_t total_pieces = 0;     // number of 32-byte pieces of the removed crops and templates
+  std::int64_t searched_pieces = 0;  // pieces that were searched for
   // Pieces not searched for, because faces of other people contain them too.
-  std::int64_t shared = 0;
+  std::int64_t shared_pieces = 0;
   std::vector<std::string> shared_with;  // these other people
   // Number of removed crops and templates of which less than half of the pieces could be searched
   // for (the same image is enrolled under another name). Their removal is not proven.
-  std::int64_t unproven = 0;
-  IndexFate index = IndexFate::kNone;
+  std::int64_t unproven_records = 0;
+  IndexOutcome index = IndexOutcome::kNone;
   SearchReport search;
   bool log_emptied = true;  // false: another program still reads the write-ahead log
   // True if pieces were searched for, everything in and below the folder could be searched, and
   // nothing was found. False if there was nothing to search for.
   [[nodiscard]] bool proven() const {
-    return log_emptied && searched > 0 && unproven == 0 && search.found.empty() &&
-           search.unread.empty() && search.skipped.empty();
+    return log_emptied && searched_pieces > 0 && unproven_records == 0 &&
+           search.files_with_pieces.empty() && search.unreadable.empty() && search.skipped.empty();
   }
 };
 
@@ -165,7 +165,7 @@ struct ForgetReport {
 class Gallery {
  public:
   explicit Gallery(const std::string& path, DatabaseAccess access = DatabaseAccess::kCreate,
-                   int patience_ms = 5000);
+                   int timeout_ms = 5000);
 
   [[nodiscard]] std::vector<Person> people();  // in order of enrolment
   [[nodiscard]] std::optional<Person> find(std::string_view name);
@@ -188,8 +188,8 @@ class Gallery {
   // All faces in order of enrolment; reads neither crops nor templates.
   [[nodiscard]] std::vector<FaceRef> face_refs();
   [[nodiscard]] std::int64_t face_count();
-  // face_count(), but counting stops at `most`.
-  [[nodiscard]] std::int64_t face_count_up_to(std::int64_t most);
+  // face_count(), but counting stops at `max_count`.
+  [[nodiscard]] std::int64_t face_count_up_to(std::int64_t max_count);
   // The most recently enrolled face of a person.
   [[nodiscard]] std::optional<StoredFace> latest_face(std::int64_t person);
 
@@ -237,18 +237,18 @@ class Gallery {
   // Number of templates in a space with face ids up to `last` and greater than `after`.
   [[nodiscard]] std::int64_t template_count(std::int64_t space, std::int64_t last,
                                             std::int64_t after = 0);
-  // At most `most` of these, by rising id. A large gallery is read in pieces, so that other
+  // At most `max_count` of these, by rising id. A large gallery is read in pieces, so that other
   // programs can empty its write-ahead log in between.
   void each_template_after(
-      std::int64_t space, std::int64_t after, std::int64_t last, std::int64_t most,
+      std::int64_t space, std::int64_t after, std::int64_t last, std::int64_t max_count,
       const std::function<void(std::int64_t face, std::span<const float>)>& take);
   // All templates of the people who have one of these faces.
-  [[nodiscard]] std::vector<PersonTemplate> templates_beside(std::span<const std::int64_t> faces,
-                                                             std::int64_t space);
+  [[nodiscard]] std::vector<PersonTemplate> templates_of_same_people(
+      std::span<const std::int64_t> faces, std::int64_t space);
   [[nodiscard]] std::string name_of(std::int64_t person);  // empty: the person was removed
   [[nodiscard]] std::int64_t removals();  // number of removals of enrolled faces; rises
   // Whether an index with this SHA-256 is the current index of the gallery.
-  [[nodiscard]] bool is_index(std::string_view sum);
+  [[nodiscard]] bool is_index(std::string_view sha256);
   // The SHA-256 of the valid indexes; empty: there is none.
   [[nodiscard]] std::string index_record();
   // Faces with ids greater than `after` without a template in this space, by rising id.
@@ -257,7 +257,7 @@ class Gallery {
   // Makes an index of the templates of `model` the gallery's index; `put` moves the file into
   // place. Returns false and does nothing if faces were removed since `removals` or the model has
   // changed. After an interruption, either the old or the new index is valid.
-  bool put_index(std::int64_t removals, std::int64_t model, std::string_view sum,
+  bool put_index(std::int64_t removals, std::int64_t model, std::string_view sha256,
                  const std::function<void()>& put);
 
   // "default" if not set.
@@ -270,15 +270,15 @@ class Gallery {
   // Returns the id of the sighting. Empty `name`: similar to nobody. If nobody has that name (any
   // more), returns 0 and stores nothing. `face` may be null; then no crop is stored.
   std::int64_t add_sighting(std::int64_t time, std::string_view source, std::string_view name,
-                            bool known, double confidence, const SeenFace* face = nullptr);
+                            bool known, double confidence, const SightingFace* face = nullptr);
   // Stores a better image of the same face. False if the sighting was removed or is already in a
   // group.
-  bool improve_sighting(std::int64_t id, const SeenFace& face);
+  bool improve_sighting(std::int64_t id, const SightingFace& face);
   // Newest first, at most `limit` (0: all).
   [[nodiscard]] std::vector<Sighting> sightings(std::int64_t limit = 0);
   [[nodiscard]] std::optional<Sighting> sighting(std::int64_t id);
   [[nodiscard]] std::int64_t sighting_count();
-  [[nodiscard]] std::optional<SeenFace> sighting_face(std::int64_t id);
+  [[nodiscard]] std::optional<SightingFace> sighting_face(std::int64_t id);
   // gallery_groups.cpp
   [[nodiscard]] std::vector<SightingGroup> groups();
   [[nodiscard]] std::optional<SightingGroup> group(std::int64_t id);
@@ -287,43 +287,44 @@ class Gallery {
   [[nodiscard]] std::vector<std::int64_t> ungrouped();
   [[nodiscard]] std::int64_t ungrouped_count();
   // Coordinates of an unknown face in a space (< 0, as for templates); empty if not computed yet.
-  [[nodiscard]] std::vector<float> sighting_numbers(std::int64_t sighting, std::int64_t space);
-  void store_sighting_numbers(std::int64_t space,
-                              std::span<const std::pair<std::int64_t, std::vector<float>>> numbers);
+  [[nodiscard]] std::vector<float> sighting_coordinates(std::int64_t sighting, std::int64_t space);
+  void store_sighting_coordinates(
+      std::int64_t space, std::span<const std::pair<std::int64_t, std::vector<float>>> numbers);
   // Each sighting that is in a group, in order.
   void each_grouped(
       const std::function<void(std::int64_t sighting, std::int64_t group, double quality)>& take);
   // Pairs of groups that show different people; each pair once.
-  [[nodiscard]] std::vector<std::pair<std::int64_t, std::int64_t>> groups_apart();
+  [[nodiscard]] std::vector<std::pair<std::int64_t, std::int64_t>> cannot_link_pairs();
   [[nodiscard]] std::int64_t next_group();
   // The result of placing a sighting, see SightingGroups.
-  struct Placed {
+  struct SightingAssignment {
     std::int64_t sighting = 0;
     std::int64_t group = 0;
     std::vector<std::pair<std::int64_t, std::int64_t>> merged;
   };
   // Stores placements and the id of the next group in one transaction. Returns false and stores
   // nothing if groups or sightings have changed since `generation`.
-  bool place(std::span<const Placed> placed, std::int64_t next, std::int64_t generation);
+  bool store_assignments(std::span<const SightingAssignment> assignments, std::int64_t next,
+                         std::int64_t generation);
   // Merges groups that show the same person, in this order: the first of each pair into the second.
-  // One transaction; otherwise as place().
-  bool unite(std::span<const std::pair<std::int64_t, std::int64_t>> groups,
-             std::int64_t generation);
+  // One transaction; otherwise as store_assignments().
+  bool store_merges(std::span<const std::pair<std::int64_t, std::int64_t>> groups,
+                    std::int64_t generation);
 
   // gallery_corrections.cpp. Each returns the id of its log entry. Throws InputError, which says
   // what to do, for ids, names and groups that do not exist or cannot be changed in this way, and
   // UsageError for invalid new names (check_name). On an error nothing is changed.
-  // Identifies a group of unknown faces as a person. Enrols the best `most` faces and assigns the
-  // group's sightings to the person.
+  // Identifies a group of unknown faces as a person. Enrols the best `max_faces` faces and assigns
+  // the group's sightings to the person.
   std::int64_t name_group(std::int64_t group, std::string_view name, std::string_view note,
-                          std::int64_t most, const CorrectionStamp& stamp);
+                          std::int64_t max_faces, const CorrectionStamp& stamp);
   // An enrolled face, or a sighting, does not show the person it is assigned to. It becomes a
   // negative of that person.
   std::int64_t not_this_face(std::int64_t face, const CorrectionStamp& stamp);
   std::int64_t not_this_sighting(std::int64_t sighting, const CorrectionStamp& stamp);
   // A face that is currently visible, and was never stored, does not show this person.
-  std::int64_t not_this_person(std::string_view name, const SeenFace& face, std::string_view source,
-                               const CorrectionStamp& stamp);
+  std::int64_t not_this_person(std::string_view name, const SightingFace& face,
+                               std::string_view source, const CorrectionStamp& stamp);
   // Moves faces of one person to another, who is added if new.
   std::int64_t move_faces(std::span<const std::int64_t> faces, std::string_view to,
                           const CorrectionStamp& stamp);
@@ -347,10 +348,10 @@ class Gallery {
   [[nodiscard]] std::vector<Negative> negatives();
   [[nodiscard]] cv::Mat negative_crop(std::int64_t id);  // empty if it was removed
 
-  // Deletes the sightings before `time` (ms), at most `most`; returns how many. Each transaction
-  // deletes a few hundred, so that other programs can write in between.
+  // Deletes the sightings before `time` (ms), at most `max_count`; returns how many. Each
+  // transaction deletes a few hundred, so that other programs can write in between.
   std::int64_t forget_sightings_before(
-      std::int64_t time, std::int64_t most = std::numeric_limits<std::int64_t>::max());
+      std::int64_t time, std::int64_t max_count = std::numeric_limits<std::int64_t>::max());
 
   [[nodiscard]] const std::string& path() const { return database_.path(); }
 
@@ -358,32 +359,34 @@ class Gallery {
   [[nodiscard]] std::string setting(const char* name);  // empty: not set
   void set_setting(const char* name, std::string_view value);
   void put_setting(const char* name, std::string_view value);
-  void count_removal();
-  void changed();
+  void increment_removals();
+  void increment_generation();
   void drop_model();
   [[nodiscard]] StoredFace face_at(const Statement& row, bool crops);
-  enum class Forgotten { kPerson, kGroup, kAll };
-  std::optional<ForgetReport> forget_those(Forgotten what, std::int64_t id,
-                                           const std::stop_token& stop, const SearchLimits& limits);
+  enum class ForgetScope { kPerson, kGroup, kAll };
+  std::optional<ForgetReport> forget_matching(ForgetScope what, std::int64_t id,
+                                              const std::stop_token& stop,
+                                              const SearchLimits& limits);
   // `condition` has one parameter.
-  void each_secret(
+  void each_stored_face_data(
       const std::string& condition, std::int64_t value,
       const std::function<void(std::int64_t owner, std::span<const std::uint8_t>)>& take);
   void drop_empty_groups();
   void set_next_group(std::int64_t id);
   void join_groups(std::int64_t from, std::int64_t into);
   [[nodiscard]] Person require_person(std::string_view name);
-  struct Step;
-  std::int64_t write_correction(const Step& step, const CorrectionStamp& stamp);
+  struct CorrectionRecord;
+  std::int64_t write_correction(const CorrectionRecord& record, const CorrectionStamp& stamp);
   void write_change(std::int64_t correction, std::string_view kind, std::int64_t row,
                     std::int64_t before);
   std::int64_t add_negative(std::int64_t person, const std::vector<std::uint8_t>& png,
                             double quality, std::string_view measures, std::string_view source,
                             std::int64_t time);
-  std::int64_t hand_over(std::string_view kind, std::span<const std::int64_t> faces,
-                         const Person& from, std::string_view to, const CorrectionStamp& stamp);
-  void take_back(const Step& step);
-  [[nodiscard]] bool give_back_room();
+  std::int64_t reassign_faces(std::string_view kind, std::span<const std::int64_t> faces,
+                              const Person& from, std::string_view to,
+                              const CorrectionStamp& stamp);
+  void revert(const CorrectionRecord& record);
+  [[nodiscard]] bool shrink_file();
   Database database_;
 };
 

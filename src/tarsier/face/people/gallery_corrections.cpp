@@ -21,25 +21,25 @@
 namespace tarsier::face::people {
 
 // One row of the log, with additional data for undoing.
-struct Gallery::Step {
+struct Gallery::CorrectionRecord {
   std::int64_t id = 0;
   std::string kind;
   std::int64_t source = 0;
   std::int64_t target = 0;
   std::string source_name;
   std::string target_name;
-  bool made = false;       // the target was created by the correction
-  std::string note;        // of the source, if it was removed
-  std::int64_t since = 0;  // enrolment time of the source
+  bool target_created = false;   // the target was created by the correction
+  std::string note;              // of the source, if it was removed
+  std::int64_t source_time = 0;  // enrolment time of the source
   std::int64_t undone = 0;
   std::int64_t undoes = 0;
 };
 
 namespace {
 
-constexpr std::size_t kMaxActor = 200;  // bytes
+constexpr std::size_t kMaxActorBytes = 200;  // bytes
 
-std::vector<std::int64_t> each_once(std::span<const std::int64_t> ids) {
+std::vector<std::int64_t> sorted_unique(std::span<const std::int64_t> ids) {
   std::vector<std::int64_t> out(ids.begin(), ids.end());
   std::sort(out.begin(), out.end());
   out.erase(std::unique(out.begin(), out.end()), out.end());
@@ -48,11 +48,11 @@ std::vector<std::int64_t> each_once(std::span<const std::int64_t> ids) {
 
 std::string group_name(std::int64_t group) { return fmt::format("group {}", group); }
 
-[[noreturn]] void no_face(const std::string& path, std::int64_t face) {
+[[noreturn]] void throw_no_face(const std::string& path, std::int64_t face) {
   throw MissingEntryError(path, "face", fmt::format("there is no face {}", face));
 }
 
-[[noreturn]] void no_group(const std::string& path, std::int64_t group) {
+[[noreturn]] void throw_no_group(const std::string& path, std::int64_t group) {
   throw MissingEntryError(path, "group", fmt::format("there is no group {}", group));
 }
 
@@ -75,22 +75,23 @@ std::string text_of(const Correction& entry) {
   return what;
 }
 
-std::int64_t Gallery::write_correction(const Step& step, const CorrectionStamp& stamp) {
+std::int64_t Gallery::write_correction(const CorrectionRecord& record,
+                                       const CorrectionStamp& stamp) {
   Statement insert(database_,
                    "INSERT INTO correction(time, actor, kind, source, target, source_name, "
                    "target_name, made, note, since, undone, undoes) VALUES(?, ?, ?, ?, ?, ?, ?, ?, "
                    "?, ?, 0, ?)");
   insert.bind(1, stamp.time)
-      .bind(2, std::string_view(stamp.actor).substr(0, kMaxActor))
-      .bind(3, std::string_view(step.kind))
-      .bind(4, step.source)
-      .bind(5, step.target)
-      .bind(6, std::string_view(step.source_name))
-      .bind(7, std::string_view(step.target_name))
-      .bind(8, std::int64_t{step.made ? 1 : 0})
-      .bind(9, std::string_view(step.note))
-      .bind(10, step.since)
-      .bind(11, step.undoes);
+      .bind(2, std::string_view(stamp.actor).substr(0, kMaxActorBytes))
+      .bind(3, std::string_view(record.kind))
+      .bind(4, record.source)
+      .bind(5, record.target)
+      .bind(6, std::string_view(record.source_name))
+      .bind(7, std::string_view(record.target_name))
+      .bind(8, std::int64_t{record.target_created ? 1 : 0})
+      .bind(9, std::string_view(record.note))
+      .bind(10, record.source_time)
+      .bind(11, record.undoes);
   (void)insert.step();
   return database_.last_row_id();
 }
@@ -114,7 +115,7 @@ Person Gallery::require_person(std::string_view name) {
 std::int64_t Gallery::add_negative(std::int64_t person, const std::vector<std::uint8_t>& png,
                                    double quality, std::string_view measures,
                                    std::string_view source, std::int64_t time) {
-  const std::string shown = masked(source);
+  const std::string masked_source = masked(source);
   Statement insert(database_,
                    "INSERT INTO negative(person, crop, quality, measures, source, time) VALUES(?, "
                    "?, ?, ?, ?, ?)");
@@ -122,35 +123,36 @@ std::int64_t Gallery::add_negative(std::int64_t person, const std::vector<std::u
       .bind(2, std::span<const std::uint8_t>(png))
       .bind(3, quality)
       .bind(4, measures)
-      .bind(5, std::string_view(shown).substr(0, kMaxSource))
+      .bind(5, std::string_view(masked_source).substr(0, kMaxSourceBytes))
       .bind(6, time);
   (void)insert.step();
   return database_.last_row_id();
 }
 
 std::int64_t Gallery::name_group(std::int64_t group, std::string_view name, std::string_view note,
-                                 std::int64_t most, const CorrectionStamp& stamp) {
-  TARSIER_REQUIRE(most >= 1, "{} faces", most);
+                                 std::int64_t max_faces, const CorrectionStamp& stamp) {
+  TARSIER_REQUIRE(max_faces >= 1, "{} faces", max_faces);
   check_name(name);
   check_note(note);
   Transaction transaction(database_);
   std::vector<Sighting> members = group_sightings(group);
-  if (members.empty()) no_group(path(), group);
+  if (members.empty()) throw_no_group(path(), group);
   const auto before = find(name);
   const Person person = add_person(name, note, stamp.time);
-  Step step;
-  step.kind = "name";
-  step.source = group;
-  step.source_name = group_name(group);
-  step.target = person.id;
-  step.target_name = person.name;
-  step.made = !before.has_value();
-  const std::int64_t id = write_correction(step, stamp);
+  CorrectionRecord record;
+  record.kind = "name";
+  record.source = group;
+  record.source_name = group_name(group);
+  record.target = person.id;
+  record.target_name = person.name;
+  record.target_created = !before.has_value();
+  const std::int64_t id = write_correction(record, stamp);
   // Best quality first; equal ones in order of time.
   std::vector<Sighting> best = members;
   std::stable_sort(best.begin(), best.end(),
                    [](const Sighting& a, const Sighting& b) { return a.quality > b.quality; });
-  if (static_cast<std::int64_t>(best.size()) > most) best.resize(static_cast<std::size_t>(most));
+  if (static_cast<std::int64_t>(best.size()) > max_faces)
+    best.resize(static_cast<std::size_t>(max_faces));
   std::sort(best.begin(), best.end(),
             [](const Sighting& a, const Sighting& b) { return a.id < b.id; });
   for (const Sighting& sighting : best) {
@@ -176,40 +178,40 @@ std::int64_t Gallery::name_group(std::int64_t group, std::string_view name, std:
   run_statement(database_, "UPDATE seen_face SET grouped = NULL WHERE grouped = ?1", group);
   run_statement(database_, "DELETE FROM sighting_group WHERE id = ?1", group);
   set_next_group(std::max(next_group(), group + 1));
-  changed();
+  increment_generation();
   transaction.commit();
   return id;
 }
 
 std::int64_t Gallery::not_this_face(std::int64_t face, const CorrectionStamp& stamp) {
   Transaction transaction(database_);
-  Step step;
+  CorrectionRecord record;
   std::int64_t negative = 0;
   {
     Statement row(database_,
                   "SELECT person, name, crop, quality, measures, source, face.time FROM face JOIN "
                   "person ON person.id = face.person WHERE face.id = ?");
     row.bind(1, face);
-    if (!row.step()) no_face(path(), face);
-    step.kind = "not";
-    step.source = row.integer(0);
-    step.source_name = row.text(1);
+    if (!row.step()) throw_no_face(path(), face);
+    record.kind = "not";
+    record.source = row.integer(0);
+    record.source_name = row.text(1);
     negative = add_negative(row.integer(0), row.bytes(2), row.real(3), row.text(4), row.text(5),
                             row.integer(6));
   }
-  const std::int64_t id = write_correction(step, stamp);
+  const std::int64_t id = write_correction(record, stamp);
   write_change(id, "face", face, negative);
   run_statement(database_, "DELETE FROM template WHERE face = ?", face);
   run_statement(database_, "DELETE FROM face WHERE id = ?", face);
-  count_removal();
-  changed();
+  increment_removals();
+  increment_generation();
   transaction.commit();
   return id;
 }
 
 std::int64_t Gallery::not_this_sighting(std::int64_t sighting, const CorrectionStamp& stamp) {
   Transaction transaction(database_);
-  Step step;
+  CorrectionRecord record;
   std::int64_t negative = 0;
   bool known = false;
   {
@@ -228,25 +230,25 @@ std::int64_t Gallery::not_this_sighting(std::int64_t sighting, const CorrectionS
           path(),
           fmt::format("no face of sighting {} was stored: `people correct not` needs a stored face",
                       sighting));
-    step.kind = "not";
-    step.source = row.integer(0);
-    step.source_name = row.text(1);
+    record.kind = "not";
+    record.source = row.integer(0);
+    record.source_name = row.text(1);
     known = row.integer(7) != 0;
     negative = add_negative(row.integer(0), row.bytes(2), row.real(3), row.text(4), row.text(5),
                             row.integer(6));
   }
-  const std::int64_t id = write_correction(step, stamp);
+  const std::int64_t id = write_correction(record, stamp);
   write_change(id, "negative", negative, 0);
   write_change(id, "sighting", sighting, known ? 1 : 0);
   Statement update(database_, "UPDATE sighting SET known = 0, person = NULL WHERE id = ?");
   update.bind(1, sighting);
   (void)update.step();
-  changed();
+  increment_generation();
   transaction.commit();
   return id;
 }
 
-std::int64_t Gallery::not_this_person(std::string_view name, const SeenFace& face,
+std::int64_t Gallery::not_this_person(std::string_view name, const SightingFace& face,
                                       std::string_view source, const CorrectionStamp& stamp) {
   require_gray(face.crop);
   TARSIER_REQUIRE(std::isfinite(face.quality), "quality {}", face.quality);
@@ -254,45 +256,45 @@ std::int64_t Gallery::not_this_person(std::string_view name, const SeenFace& fac
   const Person person = require_person(name);
   const std::int64_t negative = add_negative(person.id, encode_image(".png", face.crop, path()),
                                              face.quality, face.measures, source, stamp.time);
-  Step step;
-  step.kind = "not";
-  step.source = person.id;
-  step.source_name = person.name;
-  const std::int64_t id = write_correction(step, stamp);
+  CorrectionRecord record;
+  record.kind = "not";
+  record.source = person.id;
+  record.source_name = person.name;
+  const std::int64_t id = write_correction(record, stamp);
   write_change(id, "negative", negative, 0);
-  changed();
+  increment_generation();
   transaction.commit();
   return id;
 }
 
 // Runs inside a transaction.
-std::int64_t Gallery::hand_over(std::string_view kind, std::span<const std::int64_t> faces,
-                                const Person& from, std::string_view to,
-                                const CorrectionStamp& stamp) {
+std::int64_t Gallery::reassign_faces(std::string_view kind, std::span<const std::int64_t> faces,
+                                     const Person& from, std::string_view to,
+                                     const CorrectionStamp& stamp) {
   const auto before = find(to);
   const Person target = add_person(to, "", stamp.time);
-  Step step;
-  step.kind = kind;
-  step.source = from.id;
-  step.source_name = from.name;
-  step.target = target.id;
-  step.target_name = target.name;
-  step.made = !before.has_value();
-  const std::int64_t id = write_correction(step, stamp);
+  CorrectionRecord record;
+  record.kind = kind;
+  record.source = from.id;
+  record.source_name = from.name;
+  record.target = target.id;
+  record.target_name = target.name;
+  record.target_created = !before.has_value();
+  const std::int64_t id = write_correction(record, stamp);
   for (const std::int64_t face : faces) {
     write_change(id, "face", face, from.id);
     Statement update(database_, "UPDATE face SET person = ? WHERE id = ?");
     update.bind(1, target.id).bind(2, face);
     (void)update.step();
   }
-  changed();
+  increment_generation();
   return id;
 }
 
 std::int64_t Gallery::move_faces(std::span<const std::int64_t> faces, std::string_view to,
                                  const CorrectionStamp& stamp) {
   check_name(to);
-  const std::vector<std::int64_t> ids = each_once(faces);
+  const std::vector<std::int64_t> ids = sorted_unique(faces);
   if (ids.empty()) throw InputError(path(), "no face to move");
   Transaction transaction(database_);
   std::optional<Person> from;
@@ -300,7 +302,7 @@ std::int64_t Gallery::move_faces(std::span<const std::int64_t> faces, std::strin
     Statement row(database_,
                   "SELECT name FROM face JOIN person ON person.id = face.person WHERE face.id = ?");
     row.bind(1, face);
-    if (!row.step()) no_face(path(), face);
+    if (!row.step()) throw_no_face(path(), face);
     const Person person = require_person(row.text(0));
     if (from && from->id != person.id)
       throw InputError(path(),
@@ -310,7 +312,7 @@ std::int64_t Gallery::move_faces(std::span<const std::int64_t> faces, std::strin
   }
   if (from->name == to)
     throw InputError(path(), fmt::format("face {} is of '{}' already", ids.front(), to));
-  const std::int64_t id = hand_over("move", ids, *from, to, stamp);
+  const std::int64_t id = reassign_faces("move", ids, *from, to, stamp);
   transaction.commit();
   return id;
 }
@@ -318,7 +320,7 @@ std::int64_t Gallery::move_faces(std::span<const std::int64_t> faces, std::strin
 std::int64_t Gallery::split_person(std::string_view name, std::span<const std::int64_t> faces,
                                    std::string_view to, const CorrectionStamp& stamp) {
   check_name(to);
-  const std::vector<std::int64_t> ids = each_once(faces);
+  const std::vector<std::int64_t> ids = sorted_unique(faces);
   if (ids.empty()) throw InputError(path(), "no face to split off");
   Transaction transaction(database_);
   const Person person = require_person(name);
@@ -336,7 +338,7 @@ std::int64_t Gallery::split_person(std::string_view name, std::span<const std::i
   if (static_cast<std::int64_t>(ids.size()) == person.faces)
     throw InputError(path(),
                      fmt::format("these are all faces of '{}': one at least must stay", name));
-  const std::int64_t id = hand_over("split", ids, person, to, stamp);
+  const std::int64_t id = reassign_faces("split", ids, person, to, stamp);
   transaction.commit();
   return id;
 }
@@ -344,30 +346,30 @@ std::int64_t Gallery::split_person(std::string_view name, std::span<const std::i
 std::int64_t Gallery::merge_people(std::string_view from, std::string_view into,
                                    const CorrectionStamp& stamp) {
   Transaction transaction(database_);
-  const Person gone = require_person(from);
-  const Person stays = require_person(into);
-  if (gone.id == stays.id)
+  const Person source = require_person(from);
+  const Person target = require_person(into);
+  if (source.id == target.id)
     throw InputError(path(), fmt::format("'{}' and '{}' are one person", from, into));
-  Step step;
-  step.kind = "merge";
-  step.source = gone.id;
-  step.source_name = gone.name;
-  step.target = stays.id;
-  step.target_name = stays.name;
-  step.note = gone.note;
-  step.since = gone.time;
-  const std::int64_t id = write_correction(step, stamp);
+  CorrectionRecord record;
+  record.kind = "merge";
+  record.source = source.id;
+  record.source_name = source.name;
+  record.target = target.id;
+  record.target_name = target.name;
+  record.note = source.note;
+  record.source_time = source.time;
+  const std::int64_t id = write_correction(record, stamp);
   for (const char* table : {"face", "sighting", "negative"}) {
     run_statement(database_,
                   fmt::format("INSERT INTO correction_row(correction, kind, row, before) SELECT "
                               "?2, '{0}', id, ?1 FROM {0} WHERE person = ?1",
                               table),
-                  gone.id, id);
+                  source.id, id);
     run_statement(database_, fmt::format("UPDATE {} SET person = ?2 WHERE person = ?1", table),
-                  gone.id, stays.id);
+                  source.id, target.id);
   }
-  run_statement(database_, "DELETE FROM person WHERE id = ?", gone.id);
-  changed();
+  run_statement(database_, "DELETE FROM person WHERE id = ?", source.id);
+  increment_generation();
   transaction.commit();
   return id;
 }
@@ -376,39 +378,41 @@ std::int64_t Gallery::merge_groups(std::int64_t from, std::int64_t into,
                                    const CorrectionStamp& stamp) {
   Transaction transaction(database_);
   for (const std::int64_t one : {from, into})
-    if (!group(one)) no_group(path(), one);
+    if (!group(one)) throw_no_group(path(), one);
   if (from == into) throw InputError(path(), fmt::format("group {} twice: name two groups", from));
-  Step step;
-  step.kind = "merge groups";
-  step.source = from;
-  step.target = into;
-  step.source_name = group_name(from);
-  step.target_name = group_name(into);
-  const std::int64_t id = write_correction(step, stamp);
+  CorrectionRecord record;
+  record.kind = "merge groups";
+  record.source = from;
+  record.target = into;
+  record.source_name = group_name(from);
+  record.target_name = group_name(into);
+  const std::int64_t id = write_correction(record, stamp);
   for (const Sighting& sighting : group_sightings(from))
     write_change(id, "sighting", sighting.id, from);
   // 1: groups that were kept apart from the first group but not yet from the second.
-  Statement apart(database_,
-                  "SELECT b, EXISTS(SELECT 1 FROM group_apart AS other WHERE other.a = ?2 AND "
-                  "other.b = group_apart.b) FROM group_apart WHERE a = ?1");
-  apart.bind(1, from).bind(2, into);
+  Statement cannot_link(
+      database_,
+      "SELECT b, EXISTS(SELECT 1 FROM group_apart AS other WHERE other.a = ?2 AND "
+      "other.b = group_apart.b) FROM group_apart WHERE a = ?1");
+  cannot_link.bind(1, from).bind(2, into);
   std::vector<std::pair<std::int64_t, std::int64_t>> rows;
-  while (apart.step()) rows.emplace_back(apart.integer(0), apart.integer(1) != 0 ? 0 : 1);
-  apart.reset();
+  while (cannot_link.step())
+    rows.emplace_back(cannot_link.integer(0), cannot_link.integer(1) != 0 ? 0 : 1);
+  cannot_link.reset();
   for (const auto& [other, added] : rows) write_change(id, "apart", other, added);
   join_groups(from, into);
-  changed();
+  increment_generation();
   transaction.commit();
   return id;
 }
 
 std::int64_t Gallery::split_group(std::int64_t group, std::span<const std::int64_t> sightings,
                                   const CorrectionStamp& stamp) {
-  const std::vector<std::int64_t> ids = each_once(sightings);
+  const std::vector<std::int64_t> ids = sorted_unique(sightings);
   if (ids.empty()) throw InputError(path(), "no sighting to split off");
   Transaction transaction(database_);
   const std::vector<Sighting> members = group_sightings(group);
-  if (members.empty()) no_group(path(), group);
+  if (members.empty()) throw_no_group(path(), group);
   for (const std::int64_t sighting : ids)
     if (std::none_of(members.begin(), members.end(),
                      [&](const Sighting& one) { return one.id == sighting; }))
@@ -419,14 +423,14 @@ std::int64_t Gallery::split_group(std::int64_t group, std::span<const std::int64
         path(), fmt::format("these are all sightings of group {}: one at least must stay", group));
   const std::int64_t made = next_group();
   set_next_group(made + 1);
-  Step step;
-  step.kind = "split group";
-  step.source = group;
-  step.target = made;
-  step.source_name = group_name(group);
-  step.target_name = group_name(made);
-  step.made = true;
-  const std::int64_t id = write_correction(step, stamp);
+  CorrectionRecord record;
+  record.kind = "split group";
+  record.source = group;
+  record.target = made;
+  record.source_name = group_name(group);
+  record.target_name = group_name(made);
+  record.target_created = true;
+  const std::int64_t id = write_correction(record, stamp);
   for (const char* statement : {"INSERT INTO sighting_group(id) SELECT ?2 WHERE ?1 > 0",
                                 "INSERT INTO group_apart(a, b) VALUES(?1, ?2), (?2, ?1)"}) {
     Statement run(database_, statement);
@@ -439,7 +443,7 @@ std::int64_t Gallery::split_group(std::int64_t group, std::span<const std::int64
     update.bind(1, made).bind(2, sighting);
     (void)update.step();
   }
-  changed();
+  increment_generation();
   transaction.commit();
   return id;
 }
@@ -474,7 +478,7 @@ std::optional<Correction> Gallery::correction(std::int64_t id) {
 
 std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
   Transaction transaction(database_);
-  Step step;
+  CorrectionRecord record;
   {
     Statement row(database_,
                   id > 0 ? "SELECT id, kind, source, target, source_name, target_name, made, note, "
@@ -488,24 +492,24 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
         throw MissingEntryError(path(), "correction", fmt::format("there is no correction {}", id));
       throw InputError(path(), "there is nothing to undo");
     }
-    step.id = row.integer(0);
-    step.kind = row.text(1);
-    step.source = row.integer(2);
-    step.target = row.integer(3);
-    step.source_name = row.text(4);
-    step.target_name = row.text(5);
-    step.made = row.integer(6) != 0;
-    step.note = row.text(7);
-    step.since = row.integer(8);
-    step.undone = row.integer(9);
+    record.id = row.integer(0);
+    record.kind = row.text(1);
+    record.source = row.integer(2);
+    record.target = row.integer(3);
+    record.source_name = row.text(4);
+    record.target_name = row.text(5);
+    record.target_created = row.integer(6) != 0;
+    record.note = row.text(7);
+    record.source_time = row.integer(8);
+    record.undone = row.integer(9);
   }
-  if (step.kind == "undo")
+  if (record.kind == "undo")
     throw InputError(
         path(),
-        fmt::format("correction {} is itself an undo: make a new correction instead", step.id));
-  if (step.undone > 0)
-    throw InputError(path(),
-                     fmt::format("correction {} was undone already, by {}", step.id, step.undone));
+        fmt::format("correction {} is itself an undo: make a new correction instead", record.id));
+  if (record.undone > 0)
+    throw InputError(
+        path(), fmt::format("correction {} was undone already, by {}", record.id, record.undone));
   {
     // A later correction that changed the same rows, or removed the person of this one.
     Statement later(
@@ -516,32 +520,32 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
         "theirs.correction = later.id AND mine.kind <> 'apart') OR (kind = 'merge' AND source IN "
         "(?2, ?3) AND ?4 = 0) OR (kind IN ('merge groups', 'name') AND source IN (?2, ?3) AND ?4 = "
         "1)) ORDER BY id DESC LIMIT 1");
-    const bool groups = step.kind.ends_with("groups") || step.kind.ends_with("group");
-    later.bind(1, step.id)
-        .bind(2, step.source)
-        .bind(3, step.target)
+    const bool groups = record.kind.ends_with("groups") || record.kind.ends_with("group");
+    later.bind(1, record.id)
+        .bind(2, record.source)
+        .bind(3, record.target)
         .bind(4, std::int64_t{groups ? 1 : 0});
     if (later.step())
       throw InputError(
           path(), fmt::format("correction {} ({}) later changed the same entries: undo it first",
                               later.integer(0), later.text(1)));
   }
-  take_back(step);
-  Step undoing;
-  undoing.kind = "undo";
-  undoing.undoes = step.id;
-  const std::int64_t undone = write_correction(undoing, stamp);
+  revert(record);
+  CorrectionRecord undo_record;
+  undo_record.kind = "undo";
+  undo_record.undoes = record.id;
+  const std::int64_t undone = write_correction(undo_record, stamp);
   Statement mark(database_, "UPDATE correction SET undone = ? WHERE id = ?");
-  mark.bind(1, undone).bind(2, step.id);
+  mark.bind(1, undone).bind(2, record.id);
   (void)mark.step();
   drop_empty_groups();
-  changed();
+  increment_generation();
   transaction.commit();
   return undone;
 }
 
 // Runs inside a transaction. Skips rows that were removed meanwhile (retention, forgetting).
-void Gallery::take_back(const Step& step) {
+void Gallery::revert(const CorrectionRecord& record) {
   const auto run = [&](std::string_view statement, auto... numbers) {
     run_statement(database_, statement, numbers...);
   };
@@ -555,7 +559,7 @@ void Gallery::take_back(const Step& step) {
     Statement rows(database_,
                    "SELECT kind, row, before FROM correction_row WHERE correction = ? ORDER BY "
                    "kind, row");
-    rows.bind(1, step.id);
+    rows.bind(1, record.id);
     while (rows.step()) changes.push_back({rows.text(0), rows.integer(1), rows.integer(2)});
   }
   const auto make_group = [&](std::int64_t group) {
@@ -563,24 +567,24 @@ void Gallery::take_back(const Step& step) {
     insert.bind(1, group);
     (void)insert.step();
   };
-  if (step.kind == "merge") {
-    if (find(step.source_name))
+  if (record.kind == "merge") {
+    if (find(record.source_name))
       throw InputError(path(), fmt::format("a new person was enrolled as '{}' since: give those "
                                            "faces another name first, with `people correct move`",
-                                           step.source_name));
+                                           record.source_name));
     Statement insert(database_, "INSERT INTO person(id, name, note, time) VALUES(?, ?, ?, ?)");
-    insert.bind(1, step.source)
-        .bind(2, std::string_view(step.source_name))
-        .bind(3, std::string_view(step.note))
-        .bind(4, step.since);
+    insert.bind(1, record.source)
+        .bind(2, std::string_view(record.source_name))
+        .bind(3, std::string_view(record.note))
+        .bind(4, record.source_time);
     (void)insert.step();
     for (const Change& change : changes)
       run(fmt::format("UPDATE {} SET person = ?2 WHERE id = ?1", change.kind), change.row,
-          step.source);
-  } else if (step.kind == "move" || step.kind == "split") {
+          record.source);
+  } else if (record.kind == "move" || record.kind == "split") {
     for (const Change& change : changes)
       run("UPDATE face SET person = ?2 WHERE id = ?1", change.row, change.before);
-  } else if (step.kind == "not") {
+  } else if (record.kind == "not") {
     for (const Change& change : changes) {
       if (change.kind == "face")
         run("INSERT INTO face(id, person, crop, quality, measures, source, time) SELECT ?1, "
@@ -589,52 +593,52 @@ void Gallery::take_back(const Step& step) {
             change.row, change.before);
       if (change.kind == "sighting") {
         run("UPDATE seen_face SET grouped = NULL WHERE sighting = ?1", change.row);
-        run("UPDATE sighting SET person = ?2, known = ?3 WHERE id = ?1", change.row, step.source,
+        run("UPDATE sighting SET person = ?2, known = ?3 WHERE id = ?1", change.row, record.source,
             change.before);
       }
       if (change.kind == "face") run("DELETE FROM negative WHERE id = ?1", change.before);
       if (change.kind == "negative") run("DELETE FROM negative WHERE id = ?1", change.row);
     }
-  } else if (step.kind == "name") {
-    make_group(step.source);
+  } else if (record.kind == "name") {
+    make_group(record.source);
     for (const Change& change : changes) {
       if (change.kind == "face") {
         run("DELETE FROM template WHERE face = ?1", change.row);
         run("DELETE FROM face WHERE id = ?1", change.row);
-        count_removal();
+        increment_removals();
       } else {
         run("UPDATE sighting SET known = 0, person = (SELECT id FROM person WHERE id = ?2) WHERE "
             "id "
             "= ?1",
             change.row, change.before);
-        run("UPDATE seen_face SET grouped = ?2 WHERE sighting = ?1", change.row, step.source);
+        run("UPDATE seen_face SET grouped = ?2 WHERE sighting = ?1", change.row, record.source);
       }
     }
   } else {
-    make_group(step.source);
+    make_group(record.source);
     for (const Change& change : changes) {
       if (change.kind == "sighting") {
-        run("UPDATE seen_face SET grouped = ?2 WHERE sighting = ?1", change.row, step.source);
+        run("UPDATE seen_face SET grouped = ?2 WHERE sighting = ?1", change.row, record.source);
         continue;
       }
       if (change.before == 1) {
-        run("DELETE FROM group_apart WHERE a = ?1 AND b = ?2", step.target, change.row);
-        run("DELETE FROM group_apart WHERE a = ?2 AND b = ?1", step.target, change.row);
+        run("DELETE FROM group_apart WHERE a = ?1 AND b = ?2", record.target, change.row);
+        run("DELETE FROM group_apart WHERE a = ?2 AND b = ?1", record.target, change.row);
       }
       for (const char* statement :
            {"INSERT OR IGNORE INTO group_apart SELECT ?1, id FROM sighting_group WHERE id = ?2",
             "INSERT OR IGNORE INTO group_apart SELECT id, ?1 FROM sighting_group WHERE id = ?2"})
-        run(statement, step.source, change.row);
+        run(statement, record.source, change.row);
     }
   }
-  const bool of_people = step.kind == "move" || step.kind == "split" || step.kind == "name";
-  if (!step.made || !of_people) return;
+  const bool of_people = record.kind == "move" || record.kind == "split" || record.kind == "name";
+  if (!record.target_created || !of_people) return;
   // Remove a person whom the correction added, unless other faces of that person exist now.
   run("UPDATE sighting SET person = NULL, known = 0 WHERE person = ?1 AND NOT EXISTS(SELECT 1 FROM "
       "face WHERE person = ?1)",
-      step.target);
+      record.target);
   run("DELETE FROM person WHERE id = ?1 AND NOT EXISTS(SELECT 1 FROM face WHERE person = ?1)",
-      step.target);
+      record.target);
 }
 
 std::vector<Negative> Gallery::negatives() {

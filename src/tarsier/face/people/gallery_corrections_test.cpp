@@ -48,13 +48,14 @@ class CorrectionsTest : public FolderTest {
     return gallery.enroll(name, "agreed", face);
   }
   std::int64_t see(Gallery& gallery, const std::string& name, bool known, int person, int seed) {
-    const SeenFace face{image(person, seed), 0.5, "{}"};
+    const SightingFace face{image(person, seed), 0.5, "{}"};
     return gallery.add_sighting(seed, "camera", name, known, 0.9, &face);
   }
   // Groups of sightings of unknown people, as grouping makes them.
   void place(Gallery& gallery, std::int64_t sighting, std::int64_t group) {
-    const std::vector<Gallery::Placed> placed{{sighting, group, {}}};
-    ASSERT_TRUE(gallery.place(placed, gallery.next_group() + 1, gallery.generation()));
+    const std::vector<Gallery::SightingAssignment> assignments{{sighting, group, {}}};
+    ASSERT_TRUE(
+        gallery.store_assignments(assignments, gallery.next_group() + 1, gallery.generation()));
   }
   static std::vector<std::string> who(Gallery& gallery) {
     std::vector<std::string> out;
@@ -104,7 +105,7 @@ TEST_F(CorrectionsTest, MovesMergesSplitsAndUndoes) {
   EXPECT_EQ(gallery.correction(split)->undone, gallery.corrections(1)[0].id);
 }
 
-TEST_F(CorrectionsTest, RefusesWhatIsNotThere) {
+TEST_F(CorrectionsTest, RejectsInvalidCorrections) {
   Gallery gallery(path("p.db"));
   const std::int64_t face = enroll(gallery, "Ann", 1, 1);
   const std::int64_t other = enroll(gallery, "Ben", 2, 1);
@@ -155,13 +156,13 @@ TEST_F(CorrectionsTest, RefusesWhatIsNotThere) {
 
 // A face that was ruled out for a person is not identified as that person again. This holds after
 // learning and for a model in use. After undo the old state returns.
-TEST_F(CorrectionsTest, ANegativeHoldsAtOnce) {
+TEST_F(CorrectionsTest, NegativeTakesEffectAtOnce) {
   Gallery gallery(path("p.db"));
   for (int seed = 1; seed < 4; ++seed) {
     (void)enroll(gallery, "Ann", 1, seed);
     (void)enroll(gallery, "Ben", 2, seed);
   }
-  auto model = load_gallery_model(gallery, nullptr, true, Learn::kWhenDue, progress_, {});
+  auto model = load_gallery_model(gallery, nullptr, true, TrainingPolicy::kIfNeeded, progress_, {});
   ASSERT_TRUE(model);
   GalleryFollower follower(gallery, nullptr, std::move(model));
   const cv::Mat wrong = image(1, 50);
@@ -181,7 +182,8 @@ TEST_F(CorrectionsTest, ANegativeHoldsAtOnce) {
   EXPECT_EQ(gallery.sightings()[0].name, "");
   EXPECT_THAT(gallery.ungrouped(), ElementsAre(sighting));
   // It still holds after learning again.
-  const auto again = load_gallery_model(gallery, nullptr, true, Learn::kNow, progress_, {});
+  const auto again =
+      load_gallery_model(gallery, nullptr, true, TrainingPolicy::kAlways, progress_, {});
   ASSERT_TRUE(again);
   EXPECT_EQ(again->recognizer.negatives.rows(), 1);
   EXPECT_EQ(named(wrong), "Ben");
@@ -191,11 +193,11 @@ TEST_F(CorrectionsTest, ANegativeHoldsAtOnce) {
   EXPECT_THAT(gallery.negatives(), IsEmpty());
 }
 
-TEST_F(CorrectionsTest, AnEnrolledFaceThatIsNotThePersonSpeaksAgainstThem) {
+TEST_F(CorrectionsTest, RejectedFaceBecomesANegative) {
   Gallery gallery(path("p.db"));
   for (int seed = 1; seed < 4; ++seed) (void)enroll(gallery, "Ann", 1, seed);
   const std::int64_t wrong = enroll(gallery, "Ann", 2, 1);
-  auto model = load_gallery_model(gallery, nullptr, true, Learn::kWhenDue, progress_, {});
+  auto model = load_gallery_model(gallery, nullptr, true, TrainingPolicy::kIfNeeded, progress_, {});
   GalleryFollower follower(gallery, nullptr, std::move(model));
   (void)gallery.not_this_face(wrong, kNow);
   EXPECT_EQ(follower.update(), GalleryFollower::Change::kFaces);
@@ -213,7 +215,8 @@ TEST_F(CorrectionsTest, AnEnrolledFaceThatIsNotThePersonSpeaksAgainstThem) {
   // A moved face belongs to the other person at once, without learning.
   (void)follower.update();
   (void)gallery.move_faces(std::vector<std::int64_t>{wrong}, "Ben", kNow);
-  auto learned = load_gallery_model(gallery, nullptr, true, Learn::kWhenDue, progress_, {});
+  auto learned =
+      load_gallery_model(gallery, nullptr, true, TrainingPolicy::kIfNeeded, progress_, {});
   follower.replace(std::move(learned));
   EXPECT_EQ(label(2, 1), "Ben");
   (void)gallery.move_faces(std::vector<std::int64_t>{wrong}, "Cid", kNow);
@@ -221,7 +224,7 @@ TEST_F(CorrectionsTest, AnEnrolledFaceThatIsNotThePersonSpeaksAgainstThem) {
   EXPECT_EQ(label(2, 1), "Cid");
 }
 
-TEST_F(CorrectionsTest, NamesAGroupAndTakesItBack) {
+TEST_F(CorrectionsTest, NamesAGroupAndUndoesIt) {
   Gallery gallery(path("p.db"));
   for (int seed = 1; seed < 4; ++seed) place(gallery, see(gallery, "", false, 1, seed), 1);
   place(gallery, see(gallery, "", false, 2, 1), 2);
@@ -254,22 +257,22 @@ TEST_F(CorrectionsTest, MergesAndSplitsGroups) {
   place(gallery, seen[3], 3);
   (void)gallery.split_group(1, std::vector{seen[1]}, kNow);
   const std::int64_t made = gallery.groups().back().id;
-  EXPECT_THAT(gallery.groups_apart(), ElementsAre(std::pair(std::int64_t{1}, made)));
+  EXPECT_THAT(gallery.cannot_link_pairs(), ElementsAre(std::pair(std::int64_t{1}, made)));
   // After a merge, groups that were apart from the first group are apart from the second.
   (void)gallery.merge_groups(1, 2, kNow);
-  EXPECT_THAT(gallery.groups_apart(), ElementsAre(std::pair(std::int64_t{2}, made)));
+  EXPECT_THAT(gallery.cannot_link_pairs(), ElementsAre(std::pair(std::int64_t{2}, made)));
   EXPECT_THAT(message_of([&] { (void)gallery.split_group(2, std::vector{seen[1]}, kNow); }),
               HasSubstr("not one of group 2"));
   (void)gallery.undo(0, kNow);
-  EXPECT_THAT(gallery.groups_apart(), ElementsAre(std::pair(std::int64_t{1}, made)));
+  EXPECT_THAT(gallery.cannot_link_pairs(), ElementsAre(std::pair(std::int64_t{1}, made)));
   (void)gallery.undo(0, kNow);
-  EXPECT_THAT(gallery.groups_apart(), IsEmpty());
+  EXPECT_THAT(gallery.cannot_link_pairs(), IsEmpty());
   EXPECT_THAT(gallery.groups(), SizeIs(3));
   EXPECT_EQ(gallery.group(1)->sightings, 2);
 }
 
 // Forgetting a person removes everything: ruled-out faces, sightings, and log entries.
-TEST_F(CorrectionsTest, ForgettingTakesTheLogAlong) {
+TEST_F(CorrectionsTest, ForgettingRemovesLogEntries) {
   Gallery gallery(path("p.db"));
   (void)enroll(gallery, "Ann", 1, 1);
   (void)enroll(gallery, "Ben", 2, 1);

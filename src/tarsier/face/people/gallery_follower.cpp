@@ -20,17 +20,17 @@ using recognition::Rows;
 
 }  // namespace
 
-TemplateMaker::TemplateMaker(Gallery& gallery, const Background* background)
+TemplateExtractor::TemplateExtractor(Gallery& gallery, const Background* background)
     : gallery_(gallery), background_(background) {
   if (has_directions(background)) coordinates_ = space_of(*background);
 }
 
-void TemplateMaker::look() {
+void TemplateExtractor::refresh() {
   const std::int64_t generation = gallery_.generation();
   if (generation == generation_) return;
   generation_ = generation;
   in_coordinates_ = uses_coordinates(algorithm_of(gallery_), background_,
-                                     gallery_.face_count_up_to(kLearnedWhole + 1));
+                                     gallery_.face_count_up_to(kMaxSmallGalleryFaces + 1));
   if (in_coordinates_) {
     recognizer_.reset();
     model_ = 0;
@@ -49,8 +49,8 @@ void TemplateMaker::look() {
   }
 }
 
-void TemplateMaker::fill(StoredFace& face) {
-  look();
+void TemplateExtractor::fill(StoredFace& face) {
+  refresh();
   face.features.clear();
   face.space = 0;
   if (in_coordinates_) {
@@ -64,15 +64,15 @@ void TemplateMaker::fill(StoredFace& face) {
 }
 
 GalleryFollower::GalleryFollower(Gallery& gallery, const Background* background,
-                                 std::optional<GalleryModel> model, Searching searching)
-    : gallery_(gallery), background_(background), searching_(searching) {
+                                 std::optional<GalleryModel> model, SearchMode search_mode)
+    : gallery_(gallery), background_(background), search_mode_(search_mode) {
   replace(std::move(model));
 }
 
 void GalleryFollower::replace(std::optional<GalleryModel> model) {
   model_ = std::move(model);
   generation_ = model_ ? model_->generation : -1;
-  if (searching_ == Searching::kByIndex) tried_index_ = gallery_.index_record();
+  if (search_mode_ == SearchMode::kIndexed) tried_index_ = gallery_.index_record();
 }
 
 GalleryFollower::Change GalleryFollower::update() {
@@ -81,13 +81,13 @@ GalleryFollower::Change GalleryFollower::update() {
   generation_ = generation;
   const std::int64_t id = gallery_.model_id();
   if (model_ && model_->index) {
-    if (model_->id == id && model_->index->follow(model_->recognizer)) return Change::kFaces;
+    if (model_->id == id && model_->index->update(model_->recognizer)) return Change::kFaces;
     // Use another index; if there is none, read all faces.
-    if (take_index()) return Change::kModel;
-    read_all();
+    if (load_index()) return Change::kModel;
+    load_all_faces();
     return Change::kModel;
   }
-  if (take_index()) return Change::kModel;
+  if (load_index()) return Change::kModel;
   if (id != 0 && (!model_ || model_->id != id)) {
     // Another program has trained. Use its model as soon as all its templates are stored.
     const std::optional<StoredModel> stored = gallery_.model();
@@ -100,12 +100,12 @@ GalleryFollower::Change GalleryFollower::update() {
     }
   }
   if (!model_) return Change::kNone;
-  follow_faces();
+  update_faces();
   return Change::kFaces;
 }
 
-bool GalleryFollower::take_index() {
-  if (searching_ != Searching::kByIndex) return false;
+bool GalleryFollower::load_index() {
+  if (search_mode_ != SearchMode::kIndexed) return false;
   std::string record = gallery_.index_record();
   if (record.empty() || record == tried_index_) return false;
   tried_index_ = std::move(record);
@@ -117,7 +117,7 @@ bool GalleryFollower::take_index() {
 
 // Loads the stored model if all its templates are there. Otherwise keeps the current subspace with
 // the faces that have templates.
-void GalleryFollower::read_all() {
+void GalleryFollower::load_all_faces() {
   const std::vector<FaceRef> refs = gallery_.face_refs();
   const std::optional<StoredModel> stored = gallery_.model();
   if (stored && !refs.empty()) {
@@ -129,7 +129,7 @@ void GalleryFollower::read_all() {
   model_->index.reset();
   model_->faces.clear();
   model_->recognizer.templates.resize(0, model_->recognizer.template_length());
-  follow_faces();
+  update_faces();
 }
 
 Recognition GalleryFollower::recognize(const std::vector<float>& features, double false_accepts) {
@@ -143,20 +143,20 @@ Recognition GalleryFollower::recognize(const std::vector<float>& features, doubl
                   error.what());
     }
     const std::int64_t id = model_->id;
-    read_all();
+    load_all_faces();
     if (!model_ || model_->id != id) return {};  // the template is of another model
   }
   return people::recognize(model_->recognizer, features, false_accepts);
 }
 
-bool GalleryFollower::knows(const std::string& name) const {
+bool GalleryFollower::is_enrolled(const std::string& name) const {
   if (!model_) return false;
   if (model_->index) return gallery_.find(name).has_value();
   const auto& labels = model_->recognizer.labels;
   return std::find(labels.begin(), labels.end(), name) != labels.end();
 }
 
-void GalleryFollower::follow_faces() {
+void GalleryFollower::update_faces() {
   const std::vector<FaceRef> refs = gallery_.face_refs();
   Recognizer& recognizer = model_->recognizer;
   // Kept templates first, then those of new faces, which have greater ids.
@@ -192,8 +192,8 @@ void GalleryFollower::follow_faces() {
   }
   if (added.empty() && kept.size() == model_->faces.size()) {
     // The faces are the same, but their people or names may have changed.
-    put_people(*model_, all, names_of(gallery_), gallery_.path());
-    put_negatives(*model_, gallery_);
+    set_people(*model_, all, names_of(gallery_), gallery_.path());
+    set_negatives(*model_, gallery_);
     recognizer.refresh();
     return;
   }
@@ -209,8 +209,8 @@ void GalleryFollower::follow_faces() {
     }
   }
   recognizer.templates = std::move(templates);
-  put_people(*model_, all, names_of(gallery_), gallery_.path());
-  put_negatives(*model_, gallery_);
+  set_people(*model_, all, names_of(gallery_), gallery_.path());
+  set_negatives(*model_, gallery_);
   recognizer.refresh();
 }
 

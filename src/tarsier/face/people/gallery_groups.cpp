@@ -17,9 +17,9 @@ namespace tarsier::face::people {
 
 std::int64_t Gallery::add_sighting(std::int64_t time, std::string_view source,
                                    std::string_view name, bool known, double confidence,
-                                   const SeenFace* face) {
+                                   const SightingFace* face) {
   TARSIER_REQUIRE(!known || !name.empty(), "a known face without a name");
-  const std::string shown = masked(source);
+  const std::string masked_source = masked(source);
   std::vector<std::uint8_t> png;
   if (face != nullptr) {
     require_gray(face->crop);
@@ -34,7 +34,7 @@ std::int64_t Gallery::add_sighting(std::int64_t time, std::string_view source,
                                   : "INSERT INTO sighting(time, source, person, known, confidence) "
                                     "SELECT ?1, ?2, id, ?3, ?4 FROM person WHERE name = ?5");
     insert.bind(1, time)
-        .bind(2, std::string_view(shown).substr(0, kMaxSource))
+        .bind(2, std::string_view(masked_source).substr(0, kMaxSourceBytes))
         .bind(3, std::int64_t{known ? 1 : 0})
         .bind(4, std::isfinite(confidence) ? confidence : 0.0);
     if (!name.empty()) insert.bind(5, name);
@@ -55,7 +55,7 @@ std::int64_t Gallery::add_sighting(std::int64_t time, std::string_view source,
   return id;
 }
 
-bool Gallery::improve_sighting(std::int64_t id, const SeenFace& face) {
+bool Gallery::improve_sighting(std::int64_t id, const SightingFace& face) {
   require_gray(face.crop);
   TARSIER_REQUIRE(std::isfinite(face.quality), "quality {}", face.quality);
   const std::vector<std::uint8_t> png = encode_image(".png", face.crop, path());
@@ -104,18 +104,18 @@ std::int64_t Gallery::sighting_count() {
   return row.step() ? row.integer(0) : 0;
 }
 
-std::optional<SeenFace> Gallery::sighting_face(std::int64_t id) {
+std::optional<SightingFace> Gallery::sighting_face(std::int64_t id) {
   Statement row(database_, "SELECT crop, quality, measures FROM seen_face WHERE sighting = ?");
   row.bind(1, id);
   if (!row.step()) return std::nullopt;
-  return SeenFace{crop_of(row.bytes(0), path(), id), row.real(1), row.text(2)};
+  return SightingFace{crop_of(row.bytes(0), path(), id), row.real(1), row.text(2)};
 }
 
-std::int64_t Gallery::forget_sightings_before(std::int64_t time, std::int64_t most) {
+std::int64_t Gallery::forget_sightings_before(std::int64_t time, std::int64_t max_count) {
   constexpr std::int64_t kBatch = 500;
   std::int64_t removed = 0;
-  while (removed < most) {
-    const std::int64_t batch = std::min(kBatch, most - removed);
+  while (removed < max_count) {
+    const std::int64_t batch = std::min(kBatch, max_count - removed);
     Statement remove(database_,
                      "DELETE FROM sighting WHERE id IN (SELECT id FROM sighting WHERE time < ? "
                      "ORDER BY time LIMIT ?)");
@@ -185,14 +185,14 @@ std::int64_t Gallery::ungrouped_count() {
   return row.step() ? row.integer(0) : 0;
 }
 
-std::vector<float> Gallery::sighting_numbers(std::int64_t sighting, std::int64_t space) {
+std::vector<float> Gallery::sighting_coordinates(std::int64_t sighting, std::int64_t space) {
   Statement row(database_, "SELECT numbers FROM seen_face WHERE sighting = ? AND space = ?");
   row.bind(1, sighting).bind(2, space);
   if (!row.step()) return {};
   return numbers_of(row.bytes(0), path(), sighting);
 }
 
-void Gallery::store_sighting_numbers(
+void Gallery::store_sighting_coordinates(
     std::int64_t space, std::span<const std::pair<std::int64_t, std::vector<float>>> numbers) {
   Transaction transaction(database_);
   Statement update(database_, "UPDATE seen_face SET space = ?, numbers = ? WHERE sighting = ?");
@@ -211,7 +211,7 @@ void Gallery::each_grouped(const std::function<void(std::int64_t, std::int64_t, 
   while (rows.step()) take(rows.integer(0), rows.integer(1), rows.real(2));
 }
 
-std::vector<std::pair<std::int64_t, std::int64_t>> Gallery::groups_apart() {
+std::vector<std::pair<std::int64_t, std::int64_t>> Gallery::cannot_link_pairs() {
   Statement rows(database_, "SELECT a, b FROM group_apart WHERE a < b ORDER BY a, b");
   std::vector<std::pair<std::int64_t, std::int64_t>> out;
   while (rows.step()) out.emplace_back(rows.integer(0), rows.integer(1));
@@ -244,15 +244,15 @@ void Gallery::join_groups(std::int64_t from, std::int64_t into) {
   run_statement(database_, "DELETE FROM sighting_group WHERE id = ?1", from);
 }
 
-bool Gallery::unite(std::span<const std::pair<std::int64_t, std::int64_t>> groups,
-                    std::int64_t generation) {
+bool Gallery::store_merges(std::span<const std::pair<std::int64_t, std::int64_t>> groups,
+                           std::int64_t generation) {
   Transaction transaction(database_);
   if (this->generation() != generation) return false;
   for (const auto& [from, into] : groups) {
     for (const std::int64_t id : {from, into}) {
-      Statement there(database_, "SELECT 1 FROM sighting_group WHERE id = ?");
-      there.bind(1, id);
-      if (!there.step()) return false;
+      Statement existing(database_, "SELECT 1 FROM sighting_group WHERE id = ?");
+      existing.bind(1, id);
+      if (!existing.step()) return false;
     }
     join_groups(from, into);
   }
@@ -260,14 +260,16 @@ bool Gallery::unite(std::span<const std::pair<std::int64_t, std::int64_t>> group
   return true;
 }
 
-bool Gallery::place(std::span<const Placed> placed, std::int64_t next, std::int64_t generation) {
+bool Gallery::store_assignments(std::span<const SightingAssignment> assignments, std::int64_t next,
+                                std::int64_t generation) {
   Transaction transaction(database_);
   if (this->generation() != generation) return false;
-  for (const Placed& one : placed) {
+  for (const SightingAssignment& one : assignments) {
     {
-      Statement there(database_, "SELECT 1 FROM seen_face WHERE sighting = ? AND grouped IS NULL");
-      there.bind(1, one.sighting);
-      if (!there.step()) return false;
+      Statement existing(database_,
+                         "SELECT 1 FROM seen_face WHERE sighting = ? AND grouped IS NULL");
+      existing.bind(1, one.sighting);
+      if (!existing.step()) return false;
     }
     // The group it was first placed in may have been merged into another one.
     const std::int64_t first = one.merged.empty() ? one.group : 0;

@@ -27,7 +27,7 @@ using recognition::CellIndex;
 using recognition::Recognizer;
 using recognition::Rows;
 
-constexpr std::int64_t kReadAtOnce = 4096;  // templates per read
+constexpr std::int64_t kReadBatch = 4096;  // templates per read
 
 bool exists(const std::string& path) {
   struct ::stat info {};
@@ -42,7 +42,7 @@ recognition::TemplateSource templates_of(Gallery& gallery,
                                          std::int64_t space, std::int64_t last) {
   return [&gallery, &projection, space, last](std::int64_t step, const auto& take) {
     std::vector<std::int64_t> ids;
-    Rows rows(kReadAtOnce, projection.coordinates());
+    Rows rows(kReadBatch, projection.coordinates());
     const auto flush = [&] {
       if (ids.empty()) return;
       take(ids, projection(Rows(rows.topRows(static_cast<Eigen::Index>(ids.size())))));
@@ -52,7 +52,7 @@ recognition::TemplateSource templates_of(Gallery& gallery,
     for (std::int64_t after = 0;;) {
       const std::int64_t before = after;
       gallery.each_template_after(
-          space, after, last, kReadAtOnce, [&](std::int64_t face, std::span<const float> numbers) {
+          space, after, last, kReadBatch, [&](std::int64_t face, std::span<const float> numbers) {
             after = face;
             if (static_cast<Eigen::Index>(numbers.size()) != rows.cols())
               throw InputError(gallery.path(),
@@ -61,7 +61,7 @@ recognition::TemplateSource templates_of(Gallery& gallery,
             rows.row(static_cast<Eigen::Index>(ids.size())) =
                 Eigen::Map<const Eigen::RowVectorXf>(numbers.data(), rows.cols());
             ids.push_back(face);
-            if (static_cast<std::int64_t>(ids.size()) == kReadAtOnce) flush();
+            if (static_cast<std::int64_t>(ids.size()) == kReadBatch) flush();
           });
       if (after == before) break;
     }
@@ -102,22 +102,22 @@ GalleryIndexReport build_gallery_index(Gallery& gallery, const recognition::Back
     const std::int64_t removals = gallery.removals();
     const auto stored = gallery.model();
     const std::int64_t space = -recognition::fingerprint(background);
-    if (gallery.face_count_up_to(kLearnedWhole + 1) <= kLearnedWhole || !stored ||
+    if (gallery.face_count_up_to(kMaxSmallGalleryFaces + 1) <= kMaxSmallGalleryFaces || !stored ||
         stored->space != space)
       throw InputError(gallery.path(),
                        fmt::format("only galleries of more than {} faces, of the default or deep "
                                    "templates, can be indexed",
-                                   kLearnedWhole));
+                                   kMaxSmallGalleryFaces));
     const Recognizer subspace = recognition::recognizer_from_text(stored->body, gallery.path());
     const recognition::CoordinateProjection projection(subspace, background);
-    const recognition::CellIndexLabel label{gallery.last_face(), space, stored->id};
+    const recognition::CellIndexMetadata metadata{gallery.last_face(), space, stored->id};
     GalleryIndexReport report;
     report.path = index_path(gallery);
-    report.faces = gallery.template_count(space, label.last);
+    report.faces = gallery.template_count(space, metadata.last_id);
     if (report.faces == 0) throw InputError(gallery.path(), "has no templates");
     // A program that forgets a person deletes the unfinished file; the build then restarts.
     const auto changed = [&] { return gallery.removals() != removals; };
-    const auto source = templates_of(gallery, projection, space, label.last);
+    const auto source = templates_of(gallery, projection, space, metadata.last_id);
     struct Changed {};
     const recognition::TemplateSource watched = [&](std::int64_t step, const auto& take) {
       source(step, [&](std::span<const std::int64_t> ids, const Rows& rows) {
@@ -127,8 +127,8 @@ GalleryIndexReport build_gallery_index(Gallery& gallery, const recognition::Back
     };
     try {
       report.index = recognition::write_cell_index(temporary, projection.numbers(), report.faces,
-                                                   watched, label, options, progress, stop);
-      const bool placed = gallery.put_index(removals, stored->id, report.index.sum, [&] {
+                                                   watched, metadata, options, progress, stop);
+      const bool placed = gallery.put_index(removals, stored->id, report.index.sha256, [&] {
         if (::rename(temporary.c_str(), report.path.c_str()) != 0)
           throw OutputError(report.path, fmt::format("cannot rename: {}",
                                                      std::generic_category().message(errno)));
@@ -150,24 +150,24 @@ GalleryIndexReport build_gallery_index(Gallery& gallery, const recognition::Back
 GalleryIndexState gallery_index_state(Gallery& gallery) {
   GalleryIndexState state;
   const std::string path = index_path(gallery);
-  state.there = exists(path);
-  if (!state.there) return state;
+  state.exists = exists(path);
+  if (!state.exists) return state;
   try {
     const CellIndex index(path);
     state.faces = index.templates();
     const auto stored = gallery.model();
-    if (!gallery.is_index(index.sum())) {
-      state.trouble = "is of another state of the gallery";
-    } else if (!stored || stored->id != index.label().model ||
-               stored->space != index.label().space) {
-      state.trouble = "is of templates that were made again since";
+    if (!gallery.is_index(index.sha256())) {
+      state.unused_reason = "is of another state of the gallery";
+    } else if (!stored || stored->id != index.metadata().model ||
+               stored->space != index.metadata().space) {
+      state.unused_reason = "is of templates that were made again since";
     } else {
       state.current = true;
       state.newer = gallery.template_count(stored->space, std::numeric_limits<std::int64_t>::max(),
-                                           index.label().last);
+                                           index.metadata().last_id);
     }
   } catch (const InputError& error) {
-    state.trouble = std::string(error.what()).substr(path.size() + 2);
+    state.unused_reason = std::string(error.what()).substr(path.size() + 2);
   }
   return state;
 }
@@ -175,19 +175,20 @@ GalleryIndexState gallery_index_state(Gallery& gallery) {
 std::unique_ptr<GalleryIndex> GalleryIndex::open(Gallery& gallery,
                                                  const recognition::Background& background,
                                                  const StoredModel& stored,
-                                                 const Recognizer& subspace, std::string& trouble) {
-  trouble.clear();
+                                                 const Recognizer& subspace,
+                                                 std::string& unused_reason) {
+  unused_reason.clear();
   const std::string path = index_path(gallery);
   if (!exists(path)) return nullptr;
   const auto unused = [&](std::string_view why) {
-    trouble = fmt::format(
+    unused_reason = fmt::format(
         "{}: {}: not used, all faces are compared; rebuild it with `people index`", path, why);
     return nullptr;
   };
   try {
     CellIndex cells(path);
-    if (!gallery.is_index(cells.sum())) return unused("is of another state of the gallery");
-    if (stored.id != cells.label().model || stored.space != cells.label().space ||
+    if (!gallery.is_index(cells.sha256())) return unused("is of another state of the gallery");
+    if (stored.id != cells.metadata().model || stored.space != cells.metadata().space ||
         cells.dimension() != subspace.template_length())
       return unused("is of templates that were made again since");
     return std::unique_ptr<GalleryIndex>(
@@ -206,11 +207,11 @@ GalleryIndex::GalleryIndex(Gallery& gallery, const recognition::Background& back
       projection_(subspace, background),
       candidates_(subspace) {
   candidates_.network = background.network;
-  (void)follow(subspace);
+  (void)update(subspace);
 }
 
-bool GalleryIndex::follow(const Recognizer& subspace) {
-  if (!gallery_.is_index(cells_.sum())) return false;
+bool GalleryIndex::update(const Recognizer& subspace) {
+  if (!gallery_.is_index(cells_.sha256())) return false;
   candidates_.network = subspace.network;
   people_ = gallery_.people_with_faces();
   read_newer();
@@ -223,10 +224,10 @@ void GalleryIndex::read_newer() {
   std::vector<std::int64_t> ids;
   std::vector<float> numbers;
   const auto width = static_cast<std::size_t>(projection_.coordinates());
-  for (std::int64_t after = cells_.label().last;;) {
+  for (std::int64_t after = cells_.metadata().last_id;;) {
     const std::int64_t before = after;
-    gallery_.each_template_after(cells_.label().space, after,
-                                 std::numeric_limits<std::int64_t>::max(), kReadAtOnce,
+    gallery_.each_template_after(cells_.metadata().space, after,
+                                 std::numeric_limits<std::int64_t>::max(), kReadBatch,
                                  [&](std::int64_t face, std::span<const float> values) {
                                    after = face;
                                    if (values.size() != width) return;
@@ -258,7 +259,7 @@ void GalleryIndex::read_negatives() {
 }
 
 Recognition GalleryIndex::recognize(std::span<const float> features, double false_accepts) {
-  std::vector<recognition::Candidate> near =
+  std::vector<recognition::Candidate> candidates =
       cells_.search(features, kIndexProbes, kIndexCandidates);
   if (!newer_.empty()) {
     std::vector<float> products(newer_.size(), 0.0F);
@@ -266,18 +267,19 @@ Recognition GalleryIndex::recognize(std::span<const float> features, double fals
     linalg::gemm_kernels().dots(1, static_cast<int>(newer_.size()), static_cast<int>(length),
                                 features.data(), length, newer_templates_.data(), length,
                                 products.data(), static_cast<std::ptrdiff_t>(newer_.size()));
-    for (std::size_t i = 0; i < newer_.size(); ++i) near.push_back({newer_[i], products[i]});
+    for (std::size_t i = 0; i < newer_.size(); ++i) candidates.push_back({newer_[i], products[i]});
     const auto better = [](const recognition::Candidate& a, const recognition::Candidate& b) {
       return a.score != b.score ? a.score > b.score : a.id < b.id;
     };
-    if (near.size() > kIndexCandidates) {
-      std::nth_element(near.begin(), near.begin() + kIndexCandidates, near.end(), better);
-      near.resize(kIndexCandidates);
+    if (candidates.size() > kIndexCandidates) {
+      std::nth_element(candidates.begin(), candidates.begin() + kIndexCandidates, candidates.end(),
+                       better);
+      candidates.resize(kIndexCandidates);
     }
   }
   std::vector<std::int64_t> ids;
-  for (const recognition::Candidate& one : near) ids.push_back(one.id);
-  std::vector<PersonTemplate> all = gallery_.templates_beside(ids, cells_.label().space);
+  for (const recognition::Candidate& one : candidates) ids.push_back(one.id);
+  std::vector<PersonTemplate> all = gallery_.templates_of_same_people(ids, cells_.metadata().space);
   std::erase_if(all, [&](const PersonTemplate& one) {
     return static_cast<int>(one.numbers.size()) != projection_.coordinates();
   });
@@ -285,7 +287,7 @@ Recognition GalleryIndex::recognize(std::span<const float> features, double fals
   std::sort(all.begin(), all.end(),
             [](const PersonTemplate& a, const PersonTemplate& b) { return a.face < b.face; });
 
-  // Same order as put_people() of an exact search.
+  // Same order as set_people() of an exact search.
   Rows coordinates(static_cast<Eigen::Index>(all.size()), projection_.coordinates());
   std::vector<std::int64_t> people;
   candidates_.people.clear();
@@ -325,12 +327,12 @@ IndexRemoval::IndexRemoval(Gallery& gallery) : path_(index_path(gallery)) {}
 
 IndexRemoval::~IndexRemoval() {
   if (!prepared_.empty()) (void)::unlink(prepared_.c_str());
-  for (const int fd : {old_, unfinished_})
+  for (const int fd : {old_fd_, unfinished_fd_})
     if (fd >= 0) ::close(fd);
 }
 
-void IndexRemoval::prepare(const std::function<std::vector<std::int64_t>()>& stays, bool model_goes,
-                           const std::stop_token& stop) {
+void IndexRemoval::prepare(const std::function<std::vector<std::int64_t>()>& kept_faces,
+                           bool model_removed, const std::stop_token& stop) {
   // Delete the leftover of an interrupted removal.
   const std::string without = path_ + ".without";
   if (const int left = ::open(without.c_str(), O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
@@ -340,12 +342,12 @@ void IndexRemoval::prepare(const std::function<std::vector<std::int64_t>()>& sta
   }
   (void)::unlink(without.c_str());
   if (!exists(path_)) return;
-  fate_ = IndexFate::kDeleted;
-  if (model_goes) return;
+  outcome_ = IndexOutcome::kDeleted;
+  if (model_removed) return;
   try {
     const CellIndex index(path_);
-    from_ = index.sum();
-    const std::vector<std::int64_t> kept = stays();
+    old_sha256_ = index.sha256();
+    const std::vector<std::int64_t> kept = kept_faces();
     const auto is_kept = [&](std::int64_t id) {
       return std::binary_search(kept.begin(), kept.end(), id);
     };
@@ -359,13 +361,13 @@ void IndexRemoval::prepare(const std::function<std::vector<std::int64_t>()>& sta
         },
         quiet, stop);
     if (all) {
-      keep_ = true;
-      fate_ = IndexFate::kKept;
+      keep_index_ = true;
+      outcome_ = IndexOutcome::kKept;
       return;
     }
     prepared_ = without;
-    to_ = index.write_without(prepared_, is_kept, stop).sum;
-    fate_ = IndexFate::kRewritten;
+    new_sha256_ = index.write_without(prepared_, is_kept, stop).sha256;
+    outcome_ = IndexOutcome::kRewritten;
   } catch (const InputError& error) {
     if (error.path() != path_) throw;   // damaged: delete it
   } catch (const OutputError& error) {  // a full disk must not prevent forgetting
@@ -378,28 +380,28 @@ void IndexRemoval::prepare(const std::function<std::vector<std::int64_t>()>& sta
 std::string IndexRemoval::replace(const std::string& recorded) {
   // Delete an index that is being built: its builder notices the removal and restarts.
   const std::string unfinished = path_ + ".new";
-  unfinished_ = ::open(unfinished.c_str(), O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+  unfinished_fd_ = ::open(unfinished.c_str(), O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
   (void)::unlink(unfinished.c_str());
   if (!exists(path_)) return {};
   // The file was replaced meanwhile, or never was the gallery's index.
-  const bool own = !from_.empty() && recorded.find(from_) != std::string::npos;
+  const bool own = !old_sha256_.empty() && recorded.find(old_sha256_) != std::string::npos;
   std::string now;
   if (own) {
     try {
-      now = CellIndex(path_).sum();
+      now = CellIndex(path_).sha256();
     } catch (const InputError&) {
     }
   }
-  if (own && now == from_ && keep_) return from_;
-  old_ = ::open(path_.c_str(), O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
-  if (own && now == from_ && !prepared_.empty()) {
+  if (own && now == old_sha256_ && keep_index_) return old_sha256_;
+  old_fd_ = ::open(path_.c_str(), O_WRONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+  if (own && now == old_sha256_ && !prepared_.empty()) {
     if (::rename(prepared_.c_str(), path_.c_str()) == 0) {
       prepared_.clear();
       sync_folder(path_);
-      return to_;
+      return new_sha256_;
     }
   }
-  fate_ = IndexFate::kDeleted;
+  outcome_ = IndexOutcome::kDeleted;
   if (::unlink(path_.c_str()) != 0 && errno != ENOENT)
     throw OutputError(path_,
                       fmt::format("cannot be deleted: {}", std::generic_category().message(errno)));
@@ -408,7 +410,7 @@ std::string IndexRemoval::replace(const std::string& recorded) {
 }
 
 void IndexRemoval::finish() {
-  for (int* const fd : {&old_, &unfinished_}) {
+  for (int* const fd : {&old_fd_, &unfinished_fd_}) {
     if (*fd < 0) continue;
     overwrite(*fd);
     ::close(std::exchange(*fd, -1));

@@ -30,7 +30,7 @@
 namespace tarsier::face::people {
 
 // Below this number of faces an exact search is as fast (docs/results.md, large galleries).
-inline constexpr std::int64_t kWorthIndexing = 20'000;
+inline constexpr std::int64_t kMinFacesForIndex = 20'000;
 // Number of cells to search, and number of candidates whose people are compared exactly.
 inline constexpr int kIndexProbes = 64;
 inline constexpr int kIndexCandidates = 32;
@@ -55,35 +55,37 @@ struct GalleryIndexReport {
                                                      const std::stop_token& stop);
 
 struct GalleryIndexState {
-  bool there = false;
+  bool exists = false;
   bool current = false;
-  std::string trouble;     // why it is not used; empty if it is used or does not exist
-  std::int64_t faces = 0;  // in the index
-  std::int64_t newer = 0;  // enrolled after the index was built
+  std::string unused_reason;  // why it is not used; empty if it is used or does not exist
+  std::int64_t faces = 0;     // in the index
+  std::int64_t newer = 0;     // enrolled after the index was built
 };
 // Needs no background. Also detects that its templates belong to a model that no longer exists.
 [[nodiscard]] GalleryIndexState gallery_index_state(Gallery& gallery);
 
 // Whether building a new index is worth its time: more than this number of faces are compared one
 // by one.
-[[nodiscard]] constexpr bool index_is_behind(std::int64_t newer) { return newer > kWorthIndexing; }
+[[nodiscard]] constexpr bool index_is_outdated(std::int64_t newer) {
+  return newer > kMinFacesForIndex;
+}
 
 // A gallery that is searched through its index. The gallery must outlive it. Not thread-safe.
 class GalleryIndex {
  public:
-  // Null if no index can be used; `trouble` then says why in one line, or is empty if there is no
-  // index file. `background` must outlive the object.
+  // Null if no index can be used; `unused_reason` then says why in one line, or is empty if there
+  // is no index file. `background` must outlive the object.
   [[nodiscard]] static std::unique_ptr<GalleryIndex> open(Gallery& gallery,
                                                           const recognition::Background& background,
                                                           const StoredModel& stored,
                                                           const recognition::Recognizer& subspace,
-                                                          std::string& trouble);
+                                                          std::string& unused_reason);
 
   // Gives the same answer as recognize() of model.h if the right person is among the candidates.
   // The index of the nearest template is not set (-1). Throws InputError if the file is damaged.
   [[nodiscard]] Recognition recognize(std::span<const float> features, double false_accepts);
   // Call after changes of the gallery. False if the index is no longer valid.
-  [[nodiscard]] bool follow(const recognition::Recognizer& subspace);
+  [[nodiscard]] bool update(const recognition::Recognizer& subspace);
   [[nodiscard]] std::int64_t newer() const { return static_cast<std::int64_t>(newer_.size()); }
   [[nodiscard]] const recognition::CellIndex& cells() const { return cells_; }
 
@@ -115,24 +117,24 @@ class IndexRemoval {
   ~IndexRemoval();
   IndexRemoval(const IndexRemoval&) = delete;
   IndexRemoval& operator=(const IndexRemoval&) = delete;
-  // `stays`: rising ids of the faces that are kept. `model_goes`: the model is removed, so the
-  // templates will change.
-  void prepare(const std::function<std::vector<std::int64_t>()>& stays, bool model_goes,
+  // `kept_faces`: rising ids of the faces that are kept. `model_removed`: the model is removed, so
+  // the templates will change.
+  void prepare(const std::function<std::vector<std::int64_t>()>& kept_faces, bool model_removed,
                const std::stop_token& stop);
   // Returns the SHA-256 of the gallery's new index; empty: there is none.
   [[nodiscard]] std::string replace(const std::string& recorded);
   void finish();
-  [[nodiscard]] IndexFate fate() const { return fate_; }
+  [[nodiscard]] IndexOutcome outcome() const { return outcome_; }
 
  private:
   std::string path_;
-  std::string prepared_;  // the file without the removed faces; empty: none
-  std::string from_;      // SHA-256 of the index that it was written from
-  std::string to_;
-  int old_ = -1;
-  int unfinished_ = -1;
-  bool keep_ = false;
-  IndexFate fate_ = IndexFate::kNone;
+  std::string prepared_;    // the file without the removed faces; empty: none
+  std::string old_sha256_;  // SHA-256 of the index that it was written from
+  std::string new_sha256_;
+  int old_fd_ = -1;
+  int unfinished_fd_ = -1;
+  bool keep_index_ = false;
+  IndexOutcome outcome_ = IndexOutcome::kNone;
 };
 
 }  // namespace tarsier::face::people

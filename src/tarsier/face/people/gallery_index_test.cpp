@@ -49,7 +49,7 @@ const recognition::Background& background() {
 std::int64_t space() { return -recognition::fingerprint(background()); }
 
 // Random coordinates of a person; all crops are equal.
-std::vector<float> drawn(int person, int image) {
+std::vector<float> random_coordinates(int person, int image) {
   Rng of_person(static_cast<std::uint64_t>(person) + 1);
   Rng of_image(static_cast<std::uint64_t>(1000 * person + image) + 77);
   std::vector<float> numbers;
@@ -66,7 +66,7 @@ NewFace face_of(int person, int image) {
   out.face.crop = cv::Mat(160, 128, CV_8UC1, cv::Scalar(100));
   out.face.crop.at<unsigned char>(person % 160, image) = static_cast<unsigned char>(person);
   out.face.measures = "{}";
-  out.face.features = drawn(person, image);
+  out.face.features = random_coordinates(person, image);
   out.face.space = space();
   return out;
 }
@@ -86,14 +86,15 @@ class GalleryIndexTest : public FolderTest {
         for (int image = 0; image < kImages; ++image) faces.push_back(face_of(person, image));
       gallery.enroll(faces);
       NoProgress quiet;
-      (void)load_gallery_model(gallery, &background(), true, Learn::kWhenDue, quiet, {});
+      (void)load_gallery_model(gallery, &background(), true, TrainingPolicy::kIfNeeded, quiet, {});
       return file;
     }();
     std::filesystem::copy_file(original, to);
     return to;
   }
   void learn() {
-    (void)load_gallery_model(gallery_, &background(), true, Learn::kWhenDue, progress_, {});
+    (void)load_gallery_model(gallery_, &background(), true, TrainingPolicy::kIfNeeded, progress_,
+                             {});
   }
   // As in a gallery so large that its model is learned from few faces.
   void learned_from_few() {
@@ -104,14 +105,15 @@ class GalleryIndexTest : public FolderTest {
   GalleryIndexReport build(const recognition::CellIndexOptions& options = {}) {
     return build_gallery_index(gallery_, background(), options, progress_, {});
   }
-  GalleryFollower follower(Searching searching = Searching::kByIndex) {
-    return GalleryFollower(gallery_, &background(),
-                           load_gallery_model(gallery_, &background(), true, Learn::kWhenDue,
-                                              progress_, {}, searching),
-                           searching);
+  GalleryFollower follower(SearchMode search_mode = SearchMode::kIndexed) {
+    return GalleryFollower(
+        gallery_, &background(),
+        load_gallery_model(gallery_, &background(), true, TrainingPolicy::kIfNeeded, progress_, {},
+                           search_mode),
+        search_mode);
   }
   std::vector<float> probe(const recognition::Recognizer& model, int person, int image = kImages) {
-    const std::vector<float> numbers = drawn(person, image);
+    const std::vector<float> numbers = random_coordinates(person, image);
     const recognition::Rows row = recognition::templates_of_coordinates(
         model, background(),
         Eigen::Map<const recognition::Rows>(numbers.data(), 1,
@@ -133,7 +135,7 @@ class GalleryIndexTest : public FolderTest {
     return out;
   }
   // A person whose faces the index was not learned from.
-  std::string somebody() {
+  std::string person_outside_training() {
     const CellIndex index(index_path(gallery_));
     const auto& learned = index.learned_from();
     for (int person = 7; person < kPeople; ++person) {
@@ -150,14 +152,14 @@ class GalleryIndexTest : public FolderTest {
   NoProgress progress_;
 };
 
-TEST_F(GalleryIndexTest, TheAnswerIsThatOfAnExactSearch) {
-  EXPECT_FALSE(gallery_index_state(gallery_).there);
+TEST_F(GalleryIndexTest, GivesTheResultOfAnExhaustiveSearch) {
+  EXPECT_FALSE(gallery_index_state(gallery_).exists);
   const auto report = build();
   EXPECT_EQ(report.faces, static_cast<std::int64_t>(kFaces));
   EXPECT_EQ(files(), 2U + 2U) << "the database with its two files, the index";
   EXPECT_TRUE(gallery_index_state(gallery_).current);
   EXPECT_EQ(gallery_index_state(gallery_).newer, 0);
-  GalleryFollower exact = follower(Searching::kAll);
+  GalleryFollower exact = follower(SearchMode::kExhaustive);
   GalleryFollower indexed = follower();
   ASSERT_EQ(exact.index(), nullptr);
   ASSERT_NE(indexed.index(), nullptr);
@@ -178,7 +180,7 @@ TEST_F(GalleryIndexTest, TheAnswerIsThatOfAnExactSearch) {
   EXPECT_GT(known, kPeople / 2);
 }
 
-TEST_F(GalleryIndexTest, NewFacesAreFoundBesideIt) {
+TEST_F(GalleryIndexTest, FindsFacesEnrolledAfterTheBuild) {
   build();
   GalleryFollower running = follower();
   gallery_.enroll(std::vector<NewFace>{face_of(5000, 0), face_of(5000, 1)});
@@ -188,8 +190,8 @@ TEST_F(GalleryIndexTest, NewFacesAreFoundBesideIt) {
   const auto features = probe(*running.recognizer(), 5000);
   const Recognition seen = running.recognize(features, 0.01);
   EXPECT_EQ(seen.label, "p5000");
-  EXPECT_EQ(seen.score, follower(Searching::kAll).recognize(features, 0.01).score);
-  EXPECT_TRUE(running.knows("p5000"));
+  EXPECT_EQ(seen.score, follower(SearchMode::kExhaustive).recognize(features, 0.01).score);
+  EXPECT_TRUE(running.is_enrolled("p5000"));
   EXPECT_EQ(follower().index()->newer(), 2);
   // A face that has no template yet.
   NewFace bare = face_of(6000, 0);
@@ -200,10 +202,10 @@ TEST_F(GalleryIndexTest, NewFacesAreFoundBesideIt) {
   EXPECT_EQ(follower().index()->newer(), 3);
 }
 
-TEST_F(GalleryIndexTest, WhoIsForgottenLeavesIt) {
+TEST_F(GalleryIndexTest, ForgettingRemovesThePersonFromTheIndex) {
   learned_from_few();
   build({.learn_from = 1});
-  const std::string name = somebody();
+  const std::string name = person_outside_training();
   ASSERT_FALSE(name.empty());
   const auto gone = faces_of(name);
   const int number = std::stoi(name.substr(1));
@@ -214,8 +216,8 @@ TEST_F(GalleryIndexTest, WhoIsForgottenLeavesIt) {
   const std::size_t before = contents(index_path(gallery_)).size();
   const auto report = gallery_.forget(name, {});
   ASSERT_TRUE(report);
-  EXPECT_EQ(report->index, IndexFate::kRewritten);
-  EXPECT_FALSE(report->unlearned);
+  EXPECT_EQ(report->index, IndexOutcome::kRewritten);
+  EXPECT_FALSE(report->model_removed);
   const auto ids = ids_in_index();
   EXPECT_THAT(ids, SizeIs(kFaces - kImages));
   for (const std::int64_t id : gone) EXPECT_FALSE(ids.contains(id));
@@ -226,15 +228,15 @@ TEST_F(GalleryIndexTest, WhoIsForgottenLeavesIt) {
   EXPECT_EQ(running.update(), GalleryFollower::Change::kModel) << "the index is another";
   EXPECT_NE(running.index(), nullptr);
   EXPECT_NE(running.recognize(features, 0.01).label, name);
-  EXPECT_FALSE(running.knows(name));
+  EXPECT_FALSE(running.is_enrolled(name));
 }
 
-TEST_F(GalleryIndexTest, ItGoesWhereItWasLearnedFromWhoIsForgotten) {
+TEST_F(GalleryIndexTest, ForgettingATrainingPersonDeletesTheIndex) {
   learned_from_few();
   build({.learn_from = 1000});  // from all people
   const auto report = gallery_.forget("p7", {});
   ASSERT_TRUE(report);
-  EXPECT_EQ(report->index, IndexFate::kDeleted);
+  EXPECT_EQ(report->index, IndexOutcome::kDeleted);
   EXPECT_FALSE(std::filesystem::exists(index_path(gallery_)));
   EXPECT_EQ(gallery_.index_record(), "");
   GalleryFollower running = follower();
@@ -243,7 +245,7 @@ TEST_F(GalleryIndexTest, ItGoesWhereItWasLearnedFromWhoIsForgotten) {
   // The same if the model is removed.
   build({.learn_from = 1});
   const CellIndex open(index_path(gallery_));
-  EXPECT_TRUE(gallery_.forget("p0", {})->unlearned);
+  EXPECT_TRUE(gallery_.forget("p0", {})->model_removed);
   EXPECT_FALSE(std::filesystem::exists(index_path(gallery_)));
   // The index's bytes are overwritten, so a program that still has the file open reads zeros.
   EXPECT_THROW(open.each_cell([](std::span<const std::int64_t>) {}, progress_, {}), InputError);
@@ -253,7 +255,7 @@ TEST_F(GalleryIndexTest, ItGoesWhereItWasLearnedFromWhoIsForgotten) {
   EXPECT_FALSE(std::filesystem::exists(index_path(gallery_)));
 }
 
-TEST_F(GalleryIndexTest, ARunningProgramGoesOnWithoutIt) {
+TEST_F(GalleryIndexTest, FollowerContinuesWithoutTheIndex) {
   build();
   GalleryFollower running = follower();
   const auto features = probe(*running.recognizer(), 11);
@@ -269,7 +271,7 @@ TEST_F(GalleryIndexTest, ARunningProgramGoesOnWithoutIt) {
   EXPECT_EQ(running.recognize(probe(*running.recognizer(), 11), 0.01).label, "p11");
 }
 
-TEST_F(GalleryIndexTest, CorrectionsHoldAtOnce) {
+TEST_F(GalleryIndexTest, CorrectionsTakeEffectAtOnce) {
   build();
   GalleryFollower running = follower();
   const auto features = probe(*running.recognizer(), 21);
@@ -277,12 +279,12 @@ TEST_F(GalleryIndexTest, CorrectionsHoldAtOnce) {
   (void)gallery_.merge_people("p21", "p22", {1, "me"});
   (void)running.update();
   EXPECT_EQ(running.recognize(features, 0.01).label, "p22");
-  GalleryFollower exact = follower(Searching::kAll);
+  GalleryFollower exact = follower(SearchMode::kExhaustive);
   EXPECT_EQ(running.recognize(features, 0.01).score, exact.recognize(features, 0.01).score);
   EXPECT_EQ(running.recognize(features, 0.01).threshold, exact.recognize(features, 0.01).threshold);
 }
 
-TEST_F(GalleryIndexTest, FilesThatAreNotTheGallerysAreIgnored) {
+TEST_F(GalleryIndexTest, IgnoresInvalidAndForeignFiles) {
   build();
   const std::string file = index_path(gallery_);
   const std::string whole = contents(file);
@@ -290,7 +292,7 @@ TEST_F(GalleryIndexTest, FilesThatAreNotTheGallerysAreIgnored) {
     std::ofstream(file, std::ios::binary) << bytes;
   };
   const auto unused = [&](const char* why) {
-    EXPECT_THAT(gallery_index_state(gallery_).trouble, HasSubstr(why));
+    EXPECT_THAT(gallery_index_state(gallery_).unused_reason, HasSubstr(why));
     GalleryFollower exact = follower();
     EXPECT_EQ(exact.index(), nullptr);
     EXPECT_EQ(exact.recognize(probe(*exact.recognizer(), 3), 0.01).label, "p3");
@@ -326,11 +328,11 @@ TEST_F(GalleryIndexTest, FilesThatAreNotTheGallerysAreIgnored) {
   EXPECT_EQ(running.recognizer()->templates.rows(), static_cast<Eigen::Index>(kFaces));
   // Templates that were computed again.
   put(whole);
-  (void)load_gallery_model(gallery_, &background(), true, Learn::kNow, progress_, {});
+  (void)load_gallery_model(gallery_, &background(), true, TrainingPolicy::kAlways, progress_, {});
   unused("is of templates that were made again");
 }
 
-TEST_F(GalleryIndexTest, WhoIsForgottenWhileItIsMadeIsNotInIt) {
+TEST_F(GalleryIndexTest, ForgettingDuringTheBuildRestartsIt) {
   learned_from_few();
   Gallery other(path("p.db"));
   struct Forgets final : Progress {
@@ -350,9 +352,9 @@ TEST_F(GalleryIndexTest, WhoIsForgottenWhileItIsMadeIsNotInIt) {
   EXPECT_TRUE(gallery_index_state(gallery_).current);
 }
 
-TEST_F(GalleryIndexTest, AKillLeavesTheOldOneOrTheNewOne) {
+TEST_F(GalleryIndexTest, KillLeavesTheOldOrTheNewIndex) {
   build({.rounds = 1});
-  const std::string old = CellIndex(index_path(gallery_)).sum();
+  const std::string old = CellIndex(index_path(gallery_)).sha256();
   int before = 0;
   int after = 0;
   for (int moment = 0; moment < 12; ++moment) {
@@ -373,10 +375,10 @@ TEST_F(GalleryIndexTest, AKillLeavesTheOldOneOrTheNewOne) {
     ::waitpid(child, &status, 0);
     ASSERT_TRUE(WIFSIGNALED(status));
     const GalleryIndexState state = gallery_index_state(gallery_);
-    ASSERT_TRUE(state.current) << moment << ": " << state.trouble;
+    ASSERT_TRUE(state.current) << moment << ": " << state.unused_reason;
     EXPECT_EQ(state.faces, static_cast<std::int64_t>(kFaces));
     EXPECT_THAT(ids_in_index(), SizeIs(kFaces));
-    (CellIndex(index_path(gallery_)).sum() == old ? before : after) += 1;
+    (CellIndex(index_path(gallery_)).sha256() == old ? before : after) += 1;
   }
   EXPECT_GT(after, 0) << "no kill came after the first one was made";
   EXPECT_EQ(gallery_.face_count(), static_cast<std::int64_t>(kFaces));
@@ -389,11 +391,11 @@ TEST_F(GalleryIndexTest, CanBeInterrupted) {
   stop.request_stop();
   EXPECT_THROW((void)build_gallery_index(gallery_, background(), {}, progress_, stop.get_token()),
                Interrupted);
-  EXPECT_FALSE(gallery_index_state(gallery_).there);
+  EXPECT_FALSE(gallery_index_state(gallery_).exists);
   EXPECT_EQ(files(), 3U);
 }
 
-TEST_F(GalleryIndexTest, SmallGalleriesHaveNothingToIndex) {
+TEST_F(GalleryIndexTest, RejectsSmallGalleries) {
   Gallery small(path("s.db"));
   NewFace one{"a", "", {}};
   one.face.crop = recognition::synthetic_faces(1, 1, 0.3, 5, 3, {128, 160}).faces[0];

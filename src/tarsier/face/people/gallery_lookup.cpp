@@ -58,17 +58,17 @@ std::int64_t Gallery::template_count(std::int64_t space, std::int64_t last, std:
 }
 
 void Gallery::each_template_after(
-    std::int64_t space, std::int64_t after, std::int64_t last, std::int64_t most,
+    std::int64_t space, std::int64_t after, std::int64_t last, std::int64_t max_count,
     const std::function<void(std::int64_t face, std::span<const float>)>& take) {
   Statement rows(database_,
                  "SELECT face, numbers FROM template NOT INDEXED WHERE face > ? AND face <= ? AND "
                  "space = ? ORDER BY face LIMIT ?");
-  rows.bind(1, after).bind(2, last).bind(3, space).bind(4, most);
+  rows.bind(1, after).bind(2, last).bind(3, space).bind(4, max_count);
   while (rows.step()) take(rows.integer(0), numbers_of(rows.bytes(1), path(), rows.integer(0)));
 }
 
-std::vector<PersonTemplate> Gallery::templates_beside(std::span<const std::int64_t> faces,
-                                                      std::int64_t space) {
+std::vector<PersonTemplate> Gallery::templates_of_same_people(std::span<const std::int64_t> faces,
+                                                              std::int64_t space) {
   std::vector<PersonTemplate> out;
   if (faces.empty()) return out;
   std::vector<std::int64_t> people;
@@ -103,10 +103,10 @@ void Gallery::put_setting(const char* name, std::string_view value) {
 
 std::int64_t Gallery::removals() { return number_of(setting(kRemovals)); }
 
-void Gallery::count_removal() { put_setting(kRemovals, std::to_string(removals() + 1)); }
+void Gallery::increment_removals() { put_setting(kRemovals, std::to_string(removals() + 1)); }
 
-bool Gallery::is_index(std::string_view sum) {
-  return !sum.empty() && setting(kIndex).find(sum) != std::string::npos;
+bool Gallery::is_index(std::string_view sha256) {
+  return !sha256.empty() && setting(kIndex).find(sha256) != std::string::npos;
 }
 
 std::string Gallery::index_record() { return setting(kIndex); }
@@ -121,22 +121,22 @@ std::vector<std::int64_t> Gallery::without_template_after(std::int64_t space, st
   return out;
 }
 
-bool Gallery::put_index(std::int64_t removals, std::int64_t model, std::string_view sum,
+bool Gallery::put_index(std::int64_t removals, std::int64_t model, std::string_view sha256,
                         const std::function<void()>& put) {
-  TARSIER_REQUIRE(!sum.empty(), "an index without a sum");
+  TARSIER_REQUIRE(!sha256.empty(), "an index without a sum");
   const auto same = [&] { return this->removals() == removals && model_id() == model; };
   {
     // Until the file is in place, both the old and the new index are valid.
     Transaction transaction(database_);
     if (!same()) return false;
-    put_setting(kIndex, fmt::format("{} {}", setting(kIndex).substr(0, sum.size()), sum));
+    put_setting(kIndex, fmt::format("{} {}", setting(kIndex).substr(0, sha256.size()), sha256));
     transaction.commit();
   }
   Transaction transaction(database_);
   if (!same()) return false;
   put();
-  put_setting(kIndex, sum);
-  changed();
+  put_setting(kIndex, sha256);
+  increment_generation();
   transaction.commit();
   return true;
 }

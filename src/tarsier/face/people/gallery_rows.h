@@ -22,8 +22,8 @@
 // The storage format of faces in a gallery's rows; internal to the gallery's sources.
 namespace tarsier::face::people {
 
-inline constexpr std::size_t kMaxSource = 1000;       // bytes
-inline constexpr std::size_t kMaxTemplate = 200'000;  // numbers
+inline constexpr std::size_t kMaxSourceBytes = 1000;         // bytes
+inline constexpr std::size_t kMaxTemplateNumbers = 200'000;  // numbers
 
 // Runs a statement without result rows; its parameters ?1, ?2, .. are integers.
 template <typename... Numbers>
@@ -40,7 +40,7 @@ void run_statement(Database& database, std::string_view statement, Numbers... nu
 
 [[nodiscard]] inline std::vector<float> numbers_of(const std::vector<std::uint8_t>& bytes,
                                                    const std::string& path, std::int64_t id) {
-  if (bytes.size() % sizeof(float) != 0 || bytes.size() > kMaxTemplate * sizeof(float))
+  if (bytes.size() % sizeof(float) != 0 || bytes.size() > kMaxTemplateNumbers * sizeof(float))
     throw InputError(path, fmt::format("face {}: its template is damaged", id));
   std::vector<float> numbers(bytes.size() / sizeof(float));
   if (!bytes.empty()) std::memcpy(numbers.data(), bytes.data(), bytes.size());

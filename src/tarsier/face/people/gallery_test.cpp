@@ -50,7 +50,7 @@ std::string message_of(const Call& call) {
 
 using GalleryTest = FolderTest;
 
-TEST_F(GalleryTest, KeepsPeopleWithAnyNames) {
+TEST_F(GalleryTest, StoresPeopleWithAnyNames) {
   const std::vector<std::string> names = {"O'Brien \"Bob\"", "../../etc/passwd", "%s\\",
                                           "日本 名前", std::string(200, 'x')};
   {
@@ -75,7 +75,7 @@ TEST_F(GalleryTest, KeepsPeopleWithAnyNames) {
             fs::perms::owner_read | fs::perms::owner_write);
 }
 
-TEST_F(GalleryTest, NamesThatCannotBeAreRefused) {
+TEST_F(GalleryTest, RejectsInvalidNames) {
   Gallery gallery(path("p.db"));
   for (const std::string& name : {std::string(), std::string(201, 'x'), std::string(10'000, 'x'),
                                   std::string("a\nb"), std::string("\xff\xfe"), std::string(" x"),
@@ -86,7 +86,7 @@ TEST_F(GalleryTest, NamesThatCannotBeAreRefused) {
   EXPECT_THAT(gallery.people(), IsEmpty());
 }
 
-TEST_F(GalleryTest, MoreFacesOfAKnownPersonAndItsNote) {
+TEST_F(GalleryTest, AddsFacesAndNotesToAnEnrolledPerson) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   const auto before = gallery.generation();
@@ -100,7 +100,7 @@ TEST_F(GalleryTest, MoreFacesOfAKnownPersonAndItsNote) {
 }
 
 // The raw bytes are in the files before, and in no file afterwards.
-TEST_F(GalleryTest, ForgettingLeavesNoByte) {
+TEST_F(GalleryTest, ForgettingLeavesNoPiece) {
   Gallery gallery(path("p.db"));
   Pieces pieces;
   for (int i = 0; i < 6; ++i) {
@@ -124,19 +124,19 @@ TEST_F(GalleryTest, ForgettingLeavesNoByte) {
   ASSERT_TRUE(gallery.store_model("subspace", gallery.generation(), 0, learned, templates));
   gallery.add_sighting(5, "camera", "Ann", true, 0.9);
   gallery.add_sighting(6, "camera", "Ben", true, 0.9);
-  EXPECT_FALSE(search_below(pieces, folder_, {}).found.empty());
+  EXPECT_FALSE(search_below(pieces, folder_, {}).files_with_pieces.empty());
 
   const auto report = gallery.forget("Ann", {});
   ASSERT_TRUE(report);
   EXPECT_TRUE(report->proven());
   EXPECT_EQ(report->person.faces, 4);
   EXPECT_EQ(report->sightings, 1);
-  EXPECT_GT(report->pieces, 10'000);
-  EXPECT_EQ(report->searched, report->pieces);
-  EXPECT_TRUE(report->unlearned);
+  EXPECT_GT(report->total_pieces, 10'000);
+  EXPECT_EQ(report->searched_pieces, report->total_pieces);
+  EXPECT_TRUE(report->model_removed);
   EXPECT_GT(report->search.bytes, 10'000);
   const SearchReport again = search_below(pieces, folder_, {});
-  EXPECT_THAT(again.found, IsEmpty());
+  EXPECT_THAT(again.files_with_pieces, IsEmpty());
   EXPECT_GE(again.files.size(), 1U);
   EXPECT_FALSE(gallery.model());
   EXPECT_THAT(gallery.sightings(), SizeIs(1));
@@ -144,56 +144,57 @@ TEST_F(GalleryTest, ForgettingLeavesNoByte) {
   EXPECT_FALSE(gallery.forget("Ann", {}));
 }
 
-TEST_F(GalleryTest, ACopyInTheFolderIsTold) {
+TEST_F(GalleryTest, ReportsCopiesInTheFolder) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   export_gallery(gallery, path("out"), [](std::int64_t) { return "t"; }, {});
   std::filesystem::copy_file(path("out/person-1/face-1.png"), path("copy.png"));
   const auto report = gallery.forget("Ann", {});
   EXPECT_FALSE(report->proven());
-  EXPECT_THAT(report->search.found,
+  EXPECT_THAT(report->search.files_with_pieces,
               testing::ElementsAre(path("copy.png"), path("out/person-1/face-1.png")));
 }
 
 // An export in a subfolder, as `people export -o all` makes it beside the gallery.
-TEST_F(GalleryTest, AnExportBelowTheFolderIsTold) {
+TEST_F(GalleryTest, ReportsCopiesInSubfolders) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   gallery.enroll("Ben", "", face(2));
   export_gallery(gallery, path("all"), [](std::int64_t) { return "t"; }, {});
   const auto report = gallery.forget("Ann", {});
   EXPECT_FALSE(report->proven());
-  EXPECT_THAT(report->search.found, testing::ElementsAre(path("all/person-1/face-1.png")));
+  EXPECT_THAT(report->search.files_with_pieces,
+              testing::ElementsAre(path("all/person-1/face-1.png")));
   std::filesystem::remove(path("all/person-1/face-1.png"));
-  EXPECT_TRUE(gallery.forget("Ben", {})->search.found.size() == 1);
+  EXPECT_TRUE(gallery.forget("Ben", {})->search.files_with_pieces.size() == 1);
 }
 
 // One image under two names. The other person's bytes stay, so nothing is reported as proven.
-TEST_F(GalleryTest, AnEmptyProofIsNotCalledAProof) {
+TEST_F(GalleryTest, SharedImagesMakeDeletionUnproven) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   gallery.enroll("Same", "", face(1));
   const auto report = gallery.forget("Same", {});
   ASSERT_TRUE(report);
   EXPECT_FALSE(report->proven());
-  EXPECT_EQ(report->searched, 0);
-  EXPECT_GT(report->shared, 1000);
-  EXPECT_EQ(report->unproven, 1);
+  EXPECT_EQ(report->searched_pieces, 0);
+  EXPECT_GT(report->shared_pieces, 1000);
+  EXPECT_EQ(report->unproven_records, 1);
   EXPECT_THAT(report->shared_with, testing::ElementsAre("Ann"));
-  EXPECT_THAT(report->search.found, IsEmpty());
+  EXPECT_THAT(report->search.files_with_pieces, IsEmpty());
   // If the person also has other images, the number of unproven faces is reported.
   gallery.enroll("Same", "", face(1));
   gallery.enroll("Same", "", face(2));
   const auto partly = gallery.forget("Same", {});
   EXPECT_FALSE(partly->proven());
-  EXPECT_EQ(partly->unproven, 1);
-  EXPECT_GT(partly->searched, 1000);
+  EXPECT_EQ(partly->unproven_records, 1);
+  EXPECT_GT(partly->searched_pieces, 1000);
   EXPECT_TRUE(gallery.forget("Ann", {})->proven());
 }
 
 // A program that enrols, learns and forgets is killed at many moments. Everything that it reported
 // as done is done, and the file is intact.
-TEST_F(GalleryTest, AKilledProgramLeavesAWholeGallery) {
+TEST_F(GalleryTest, KillLeavesAConsistentGallery) {
   std::int64_t enrolled = 0;
   for (int round = 0; round < 12; ++round) {
     int ends[2];
@@ -255,7 +256,7 @@ TEST_F(GalleryTest, AKilledProgramLeavesAWholeGallery) {
   }
 }
 
-TEST_F(GalleryTest, AllAreForgottenAtOnce) {
+TEST_F(GalleryTest, ForgetsAllPeople) {
   Gallery gallery(path("p.db"));
   EXPECT_FALSE(gallery.forget_all({}));
   for (int i = 0; i < 6; ++i) gallery.enroll("p" + std::to_string(i / 2), "", face(i));
@@ -270,7 +271,7 @@ TEST_F(GalleryTest, AllAreForgottenAtOnce) {
   EXPECT_EQ(gallery.face_count(), 0);
 }
 
-TEST_F(GalleryTest, EnrollingKeepsWhatWasLearned) {
+TEST_F(GalleryTest, EnrollingKeepsTheModel) {
   Gallery gallery(path("p.db"));
   const auto id = gallery.enroll("Ann", "", face(1));
   const std::pair<std::int64_t, std::vector<float>> numbers{id, {1.0F, 2.0F}};
@@ -289,14 +290,14 @@ TEST_F(GalleryTest, EnrollingKeepsWhatWasLearned) {
   EXPECT_THAT(gallery.template_of(other, *model), testing::ElementsAre(3.0F, 4.0F));
   EXPECT_THAT(gallery.without_template(*model), testing::ElementsAre(3));
   // Forgetting a person whom nothing was learned from keeps the model.
-  EXPECT_FALSE(gallery.forget("Ben", {})->unlearned);
+  EXPECT_FALSE(gallery.forget("Ben", {})->model_removed);
   EXPECT_TRUE(gallery.model());
-  EXPECT_TRUE(gallery.forget("Ann", {})->unlearned);
+  EXPECT_TRUE(gallery.forget("Ann", {})->model_removed);
   EXPECT_FALSE(gallery.model());
 }
 
 // After a face was forgotten, nothing that was learned from it is stored.
-TEST_F(GalleryTest, AModelOfAFaceThatIsGoneIsNotStored) {
+TEST_F(GalleryTest, RejectsAModelOfRemovedFaces) {
   Gallery gallery(path("p.db"));
   const auto id = gallery.enroll("Ann", "", face(1));
   gallery.enroll("Ben", "", face(2));
@@ -330,7 +331,7 @@ TEST_F(GalleryTest, QueriesUseTheirIndices) {
 }
 
 // A gallery with the first version of the layout.
-TEST_F(GalleryTest, AnOlderGalleryIsBroughtUpToDate) {
+TEST_F(GalleryTest, UpgradesAnOlderVersion) {
   std::int64_t face_id = 0;
   const StoredFace stored = face(1);
   {
@@ -384,11 +385,11 @@ INSERT INTO model VALUES(1, 7, x'78');
   EXPECT_FALSE(gallery.sightings()[0].has_face);
   // Numbers continue, and a sighting may be of an unknown person.
   EXPECT_EQ(gallery.add_sighting(6, "cam", "", false, 0), 10);
-  EXPECT_TRUE(gallery.forget("Ann", {})->unlearned);
+  EXPECT_TRUE(gallery.forget("Ann", {})->model_removed);
   EXPECT_FALSE(gallery.model());
 }
 
-TEST_F(GalleryTest, SightingsAreKeptForATime) {
+TEST_F(GalleryTest, ForgetsSightingsBeforeATime) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   for (int i = 0; i < 10; ++i)
@@ -426,7 +427,7 @@ TEST_F(GalleryTest, ExportsEverything) {
                OutputError);
 }
 
-TEST_F(GalleryTest, MeasuresThatNoProgramOfOursWroteAreLeftOut) {
+TEST_F(GalleryTest, ExportOmitsInvalidMeasures) {
   Gallery gallery(path("p.db"));
   StoredFace hostile = face(1);
   hostile.measures = std::string(300'000, '[') + std::string(300'000, ']');
@@ -436,7 +437,7 @@ TEST_F(GalleryTest, MeasuresThatNoProgramOfOursWroteAreLeftOut) {
   EXPECT_TRUE(json["people"][0]["faces"][0]["measures"].is_null());
 }
 
-TEST_F(GalleryTest, AnExportThatIsStoppedLeavesNothing) {
+TEST_F(GalleryTest, InterruptedExportLeavesNothing) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   std::stop_source source;
@@ -447,7 +448,7 @@ TEST_F(GalleryTest, AnExportThatIsStoppedLeavesNothing) {
   EXPECT_FALSE(std::filesystem::exists(path("out")));
 }
 
-TEST_F(GalleryTest, FilesThatAreNoneOrCannotBeUsedSaySo) {
+TEST_F(GalleryTest, RejectsInvalidFiles) {
   {
     Gallery gallery(path("p.db"));
     gallery.enroll("Ann", "", face(1));

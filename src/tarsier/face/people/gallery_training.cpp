@@ -53,9 +53,9 @@ std::vector<float> row_of(const Rows& rows, Eigen::Index i) {
 
 struct GalleryTraining::Impl {
   enum class Stage {
-    kLook,
-    kNewest,
-    kCoordinates,
+    kInspect,
+    kNewestTemplates,
+    kAllCoordinates,
     kRead,
     kTrain,
     kStore,
@@ -64,57 +64,63 @@ struct GalleryTraining::Impl {
     kDone
   };
 
-  Impl(Gallery& of, const Background* general, bool may_store, Learn what, Searching how)
-      : gallery(of), background(general), store(may_store), learn(what), searching(how) {}
+  Impl(Gallery& of, const Background* general, bool may_store, TrainingPolicy training_policy,
+       SearchMode mode)
+      : gallery(of),
+        background(general),
+        store(may_store),
+        policy(training_policy),
+        search_mode(mode) {}
 
   Gallery& gallery;
   const Background* background;
   bool store;
-  Learn learn;
-  Searching searching;
+  TrainingPolicy policy;
+  SearchMode search_mode;
 
-  Stage stage = Stage::kLook;
+  Stage stage = Stage::kInspect;
   double work = 1;
   Algorithm algorithm = Algorithm::kDefault;
   bool coordinates = false;
-  bool newest_made = false;  // templates of faces that are newer than the index
+  bool newest_computed = false;  // templates of faces that are newer than the index
   std::int64_t generation = 0;
   std::vector<FaceRef> refs;
   std::optional<StoredModel> stored;
   std::vector<std::int64_t> missing;  // faces whose templates must be computed
   std::size_t at = 0;
   std::map<std::int64_t, std::vector<float>> own;  // templates that may not be stored
-  std::vector<std::int64_t> learned;               // training faces
+  std::vector<std::int64_t> training_faces;        // training faces
   std::vector<cv::Mat> inputs;
   std::optional<recognition::Training> training;
   // Computes templates of missing faces, with the model `stored`.
   std::optional<Recognizer> recognizer;
   std::optional<GalleryModel> result;
 
-  void look();
-  void make_missing(Progress& progress, std::int64_t space, Stage following);
-  void choose();
-  void read();
+  void inspect();
+  void compute_missing_templates(Progress& progress, std::int64_t space, Stage following);
+  void choose_training_faces();
+  void read_training_faces();
   void finish_training();
   void load();
 };
 
 // Reads the state of the gallery and decides what to do.
-void GalleryTraining::Impl::look() {
+void GalleryTraining::Impl::inspect() {
   generation = gallery.generation();
   algorithm = algorithm_of(gallery);
-  const std::int64_t some = gallery.face_count_up_to(kLearnedWhole + 1);
-  if (searching == Searching::kByIndex && learn == Learn::kWhenDue && some > kLearnedWhole &&
-      uses_coordinates(algorithm, background, some)) {
+  const std::int64_t some = gallery.face_count_up_to(kMaxSmallGalleryFaces + 1);
+  if (search_mode == SearchMode::kIndexed && policy == TrainingPolicy::kIfNeeded &&
+      some > kMaxSmallGalleryFaces && uses_coordinates(algorithm, background, some)) {
     if ((result = indexed_model(gallery, background))) {
-      missing = gallery.without_template_after(result->space, result->index->cells().label().last);
+      missing =
+          gallery.without_template_after(result->space, result->index->cells().metadata().last_id);
       stage = Stage::kDone;
-      if (missing.empty() || !store || newest_made) return;
+      if (missing.empty() || !store || newest_computed) return;
       // For example, faces that were enrolled from a named group.
-      newest_made = true;
+      newest_computed = true;
       result.reset();
       coordinates = true;
-      stage = Stage::kNewest;
+      stage = Stage::kNewestTemplates;
       return;
     }
   }
@@ -132,23 +138,23 @@ void GalleryTraining::Impl::look() {
   }
   coordinates = uses_coordinates(algorithm, background, count);
   stored = gallery.model();
-  bool due = learn == Learn::kNow || !stored;
+  bool due = policy == TrainingPolicy::kAlways || !stored;
   if (coordinates) {
     due = due || stored->space != space_of(*background);
     // A small gallery of deep templates is trained again after each change; this takes moments.
-    due = due || (algorithm == Algorithm::kDeep && count <= kLearnedWhole &&
+    due = due || (algorithm == Algorithm::kDeep && count <= kMaxSmallGalleryFaces &&
                   stored->generation != generation);
   } else {
     // Train if the model is in coordinates that cannot be used here, or if faces have changed.
     due = due || stored->space < 0 ||
-          (count <= recognition::kMaxLearnedFaces && stored->generation != generation);
+          (count <= recognition::kMaxTrainingFaces && stored->generation != generation);
   }
   if (due) stored.reset();
   if (coordinates) {
     missing = gallery.without_template(space_of(*background));
-    stage = Stage::kCoordinates;
+    stage = Stage::kAllCoordinates;
   } else if (due) {
-    choose();
+    choose_training_faces();
     stage = Stage::kRead;
   } else {
     missing = gallery.without_template(stored->space);
@@ -159,7 +165,7 @@ void GalleryTraining::Impl::look() {
       recognizer = recognition::recognizer_from_text(stored->body, gallery.path());
     } catch (const Error&) {
       stored.reset();
-      choose();
+      choose_training_faces();
       stage = Stage::kRead;
     }
   }
@@ -167,7 +173,8 @@ void GalleryTraining::Impl::look() {
 }
 
 // Computes some dozens of templates.
-void GalleryTraining::Impl::make_missing(Progress& progress, std::int64_t space, Stage following) {
+void GalleryTraining::Impl::compute_missing_templates(Progress& progress, std::int64_t space,
+                                                      Stage following) {
   constexpr std::size_t kChunk = 32;
   if (at == 0 && !missing.empty())
     progress.begin("templates", static_cast<std::int64_t>(missing.size()), "faces");
@@ -204,18 +211,18 @@ void GalleryTraining::Impl::make_missing(Progress& progress, std::int64_t space,
 }
 
 // Selects the training faces.
-void GalleryTraining::Impl::choose() {
+void GalleryTraining::Impl::choose_training_faces() {
   std::unordered_map<std::int64_t, int> index;
   std::vector<int> people;
   for (const FaceRef& ref : refs)
     people.push_back(index.try_emplace(ref.person, static_cast<int>(index.size())).first->second);
-  learned.clear();
-  for (const std::size_t i : recognition::learning_sample(people, recognition::kMaxLearnedFaces))
-    learned.push_back(refs[i].id);
+  training_faces.clear();
+  for (const std::size_t i : recognition::training_subset(people, recognition::kMaxTrainingFaces))
+    training_faces.push_back(refs[i].id);
 }
 
 // Reads the training faces' crops in batches, or their coordinates; then training can start.
-void GalleryTraining::Impl::read() {
+void GalleryTraining::Impl::read_training_faces() {
   const auto names = names_of(gallery);
   const auto label_of = [&](std::int64_t face) {
     const auto ref = std::lower_bound(refs.begin(), refs.end(), face,
@@ -225,43 +232,43 @@ void GalleryTraining::Impl::read() {
   std::vector<std::string> labels;
   recognition::RecognizerOptions options;
   options.algorithm = algorithm;
-  work = static_cast<double>(learned.size()) / 2;
+  work = static_cast<double>(training_faces.size()) / 2;
   if (coordinates) {
     const int length = recognition::coordinate_count(*background);
-    Rows rows(static_cast<Eigen::Index>(learned.size()), length);
+    Rows rows(static_cast<Eigen::Index>(training_faces.size()), length);
     Eigen::Index filled = 0;
-    std::vector<std::int64_t> there;
-    for (const std::int64_t face : learned) {
+    std::vector<std::int64_t> present;
+    for (const std::int64_t face : training_faces) {
       std::vector<float> numbers = gallery.template_of(face, space_of(*background));
       if (numbers.empty())
         if (const auto made = own.find(face); made != own.end()) numbers = made->second;
       if (static_cast<int>(numbers.size()) != length) continue;  // removed meanwhile
       rows.row(filled++) = Eigen::Map<const Eigen::RowVectorXf>(numbers.data(), length);
       labels.push_back(label_of(face));
-      there.push_back(face);
+      present.push_back(face);
     }
-    if (there.empty()) throw InputError(gallery.path(), "templates of faces are damaged");
-    learned = std::move(there);
+    if (present.empty()) throw InputError(gallery.path(), "templates of faces are damaged");
+    training_faces = std::move(present);
     training.emplace(Rows(rows.topRows(filled)), std::move(labels), options, *background);
     stage = Stage::kTrain;
     return;
   }
   constexpr std::size_t kChunk = 64;
-  const std::size_t last = std::min(learned.size(), at + kChunk);
+  const std::size_t last = std::min(training_faces.size(), at + kChunk);
   for (; at < last; ++at) {
-    auto face = gallery.face(learned[at]);
+    auto face = gallery.face(training_faces[at]);
     if (!face) {  // removed meanwhile: restart
       inputs.clear();
       at = 0;
-      stage = Stage::kLook;
+      stage = Stage::kInspect;
       return;
     }
     inputs.push_back(recognizer_input(algorithm, face->crop));
   }
   work = static_cast<double>(kChunk) / 2;
-  if (at < learned.size()) return;
+  if (at < training_faces.size()) return;
   at = 0;
-  for (const std::int64_t face : learned) labels.push_back(label_of(face));
+  for (const std::int64_t face : training_faces) labels.push_back(label_of(face));
   const bool general = recognition::is_whitened(algorithm);
   if (!general) {
     // Classical recognisers need mirrored faces to handle faces turned to the other side.
@@ -273,18 +280,18 @@ void GalleryTraining::Impl::read() {
     }
   }
   training.emplace(std::exchange(inputs, {}), std::move(labels), options,
-                   general ? background : nullptr, 2 * recognition::kMaxLearnedFaces);
+                   general ? background : nullptr, 2 * recognition::kMaxTrainingFaces);
   stage = Stage::kTrain;
 }
 
 void GalleryTraining::Impl::finish_training() {
   recognizer = training->take();
   training.reset();
-  const auto own_count = static_cast<Eigen::Index>(learned.size());
+  const auto own_count = static_cast<Eigen::Index>(training_faces.size());
   std::vector<NamedTemplate> templates;
   if (!coordinates) {  // templates of mirrored faces were only for training
     for (Eigen::Index i = 0; i < own_count; ++i)
-      templates.emplace_back(learned[static_cast<std::size_t>(i)],
+      templates.emplace_back(training_faces[static_cast<std::size_t>(i)],
                              row_of(recognizer->templates, i));
   }
   stored.emplace();
@@ -293,11 +300,11 @@ void GalleryTraining::Impl::finish_training() {
   stored->space = coordinates ? space_of(*background) : 0;
   if (store) {
     const auto id =
-        gallery.store_model(stored->body, generation, stored->space, learned, templates);
+        gallery.store_model(stored->body, generation, stored->space, training_faces, templates);
     if (!id) {  // a training face was removed meanwhile: discard the model
       recognizer.reset();
       stored.reset();
-      stage = Stage::kLook;
+      stage = Stage::kInspect;
       return;
     }
     stored->id = *id;
@@ -306,8 +313,8 @@ void GalleryTraining::Impl::finish_training() {
   } else {
     own.insert(templates.begin(), templates.end());
   }
-  if (!coordinates && refs.size() > learned.size()) {
-    std::vector<std::int64_t> chosen = learned;
+  if (!coordinates && refs.size() > training_faces.size()) {
+    std::vector<std::int64_t> chosen = training_faces;
     std::sort(chosen.begin(), chosen.end());
     for (const FaceRef& ref : refs)
       if (!std::binary_search(chosen.begin(), chosen.end(), ref.id)) missing.push_back(ref.id);
@@ -326,22 +333,23 @@ void GalleryTraining::Impl::load() {
   refs = std::move(now);
   work = 1 + 1e-2 * static_cast<double>(refs.size());
   stage = Stage::kDone;
-  if (refs.empty() || searching == Searching::kNothing) return;
+  if (refs.empty() || search_mode == SearchMode::kNone) return;
   result = stored_model(gallery, background, *stored, refs, own);
   if (result) {
     result->generation = generation;
     return;
   }
   // Damaged: restart, with all templates computed from the faces.
-  if (learn == Learn::kNow) throw InputError(gallery.path(), "templates of faces are damaged");
-  learn = Learn::kNow;
+  if (policy == TrainingPolicy::kAlways)
+    throw InputError(gallery.path(), "templates of faces are damaged");
+  policy = TrainingPolicy::kAlways;
   recognizer.reset();
-  stage = Stage::kLook;
+  stage = Stage::kInspect;
 }
 
 GalleryTraining::GalleryTraining(Gallery& gallery, const Background* background, bool store,
-                                 Learn learn, Searching searching)
-    : impl_(std::make_unique<Impl>(gallery, background, store, learn, searching)) {}
+                                 TrainingPolicy policy, SearchMode search_mode)
+    : impl_(std::make_unique<Impl>(gallery, background, store, policy, search_mode)) {}
 GalleryTraining::~GalleryTraining() = default;
 GalleryTraining::GalleryTraining(GalleryTraining&&) noexcept = default;
 GalleryTraining& GalleryTraining::operator=(GalleryTraining&&) noexcept = default;
@@ -352,19 +360,19 @@ bool GalleryTraining::step(Progress& progress, const std::stop_token& stop) {
   throw_if_stopped(stop);
   Impl& impl = *impl_;
   switch (impl.stage) {
-    case Impl::Stage::kLook:
-      impl.look();
+    case Impl::Stage::kInspect:
+      impl.inspect();
       break;
-    case Impl::Stage::kNewest:
-      impl.make_missing(progress, space_of(*impl.background), Impl::Stage::kLook);
+    case Impl::Stage::kNewestTemplates:
+      impl.compute_missing_templates(progress, space_of(*impl.background), Impl::Stage::kInspect);
       break;
-    case Impl::Stage::kCoordinates:
-      impl.make_missing(progress, space_of(*impl.background),
-                        impl.stored ? Impl::Stage::kLoad : Impl::Stage::kRead);
-      if (impl.stage == Impl::Stage::kRead) impl.choose();
+    case Impl::Stage::kAllCoordinates:
+      impl.compute_missing_templates(progress, space_of(*impl.background),
+                                     impl.stored ? Impl::Stage::kLoad : Impl::Stage::kRead);
+      if (impl.stage == Impl::Stage::kRead) impl.choose_training_faces();
       break;
     case Impl::Stage::kRead:
-      impl.read();
+      impl.read_training_faces();
       break;
     case Impl::Stage::kTrain:
       if (!impl.training->step(progress, stop)) impl.stage = Impl::Stage::kStore;
@@ -374,7 +382,7 @@ bool GalleryTraining::step(Progress& progress, const std::stop_token& stop) {
       impl.finish_training();
       break;
     case Impl::Stage::kTemplates:
-      impl.make_missing(progress, impl.stored->space, Impl::Stage::kLoad);
+      impl.compute_missing_templates(progress, impl.stored->space, Impl::Stage::kLoad);
       break;
     case Impl::Stage::kLoad:
       impl.load();
@@ -391,9 +399,10 @@ std::optional<GalleryModel> GalleryTraining::take() {
 }
 
 std::optional<GalleryModel> load_gallery_model(Gallery& gallery, const Background* background,
-                                               bool store, Learn learn, Progress& progress,
-                                               const std::stop_token& stop, Searching searching) {
-  GalleryTraining training(gallery, background, store, learn, searching);
+                                               bool store, TrainingPolicy policy,
+                                               Progress& progress, const std::stop_token& stop,
+                                               SearchMode search_mode) {
+  GalleryTraining training(gallery, background, store, policy, search_mode);
   while (training.step(progress, stop)) {
   }
   return training.take();
@@ -401,8 +410,8 @@ std::optional<GalleryModel> load_gallery_model(Gallery& gallery, const Backgroun
 
 std::optional<Recognizer> gallery_model(Gallery& gallery, const Background* background, bool store,
                                         Progress& progress, const std::stop_token& stop,
-                                        Learn learn) {
-  auto model = load_gallery_model(gallery, background, store, learn, progress, stop);
+                                        TrainingPolicy policy) {
+  auto model = load_gallery_model(gallery, background, store, policy, progress, stop);
   if (!model) return std::nullopt;
   return std::move(model->recognizer);
 }

@@ -39,9 +39,9 @@ struct GroupMergingOptions {
 };
 
 // Max number of sightings used per group.
-inline constexpr int kMergingSightings = 20;
+inline constexpr int kMaxSightingsPerGroup = 20;
 
-// Templates of sightings (one per row, at most kMergingSightings) by group.
+// Templates of sightings (one per row, at most kMaxSightingsPerGroup) by group.
 using GroupTemplates = std::map<std::int64_t, recognition::Rows>;
 using GroupPairs = std::vector<std::pair<std::int64_t, std::int64_t>>;
 
@@ -57,12 +57,13 @@ using GroupPairs = std::vector<std::pair<std::int64_t, std::int64_t>>;
 // them are of strangers. The two groups with the highest mean score are merged (average linkage) as
 // long as it is `deviations` above that median.
 //
-// Returns the merges in order, the younger group into the older. Groups in `apart` (pairs, smaller
-// id first), and those merged with them, are not merged. Empty if there are fewer groups or
+// Returns the merges in order, the younger group into the older. Groups in `cannot_link` (pairs,
+// smaller id first), and those merged with them, are not merged. Empty if there are fewer groups or
 // sightings than the options require. Throws std::invalid_argument for templates of different
 // lengths or bad options.
-[[nodiscard]] std::optional<GroupPairs> alike_groups(
-    const GroupTemplates& groups, const std::set<std::pair<std::int64_t, std::int64_t>>& apart,
+[[nodiscard]] std::optional<GroupPairs> find_group_merges(
+    const GroupTemplates& groups,
+    const std::set<std::pair<std::int64_t, std::int64_t>>& cannot_link,
     const GroupMergingOptions& options = {});
 
 }  // namespace tarsier::face::people

@@ -19,9 +19,9 @@ constexpr int kLength = 48;
 
 // A direction per person, and one common direction of variation (a lamp at one side or the other).
 // The latter is as strong as the difference between people.
-class Crowd {
+class SyntheticPeople {
  public:
-  explicit Crowd(std::uint64_t seed) : rng_(seed) {}
+  explicit SyntheticPeople(std::uint64_t seed) : rng_(seed) {}
 
   [[nodiscard]] Rows sightings(int person, int count, double light) const {
     Rows out(count, kLength);
@@ -44,23 +44,24 @@ class Crowd {
 };
 
 // Two groups of each person, in different light: 2p + 1 and 2p + 2.
-GroupTemplates halves(const Crowd& crowd, int people, int count = 3) {
+GroupTemplates two_groups_per_person(const SyntheticPeople& people, int person_count,
+                                     int count = 3) {
   GroupTemplates groups;
-  for (int p = 0; p < people; ++p) {
-    groups.emplace(2 * p + 1, crowd.sightings(p, count, 6));
-    groups.emplace(2 * p + 2, crowd.sightings(p, count, -6));
+  for (int p = 0; p < person_count; ++p) {
+    groups.emplace(2 * p + 1, people.sightings(p, count, 6));
+    groups.emplace(2 * p + 2, people.sightings(p, count, -6));
   }
   return groups;
 }
 
-TEST(GroupMerging, LearnsWhatDiffersWithinGroups) {
-  const Crowd crowd(4);
-  const GroupTemplates groups = halves(crowd, 12);
+TEST(GroupMerging, LearnsTheVariationWithinGroups) {
+  const SyntheticPeople people(4);
+  const GroupTemplates groups = two_groups_per_person(people, 12);
   // Raw templates: a person in other light is less similar than another person in the same light.
   const double self = groups.at(1).row(0).dot(groups.at(2).row(0));
   const double other = groups.at(1).row(0).dot(groups.at(3).row(0));
   EXPECT_LT(self, other);
-  const auto merged = alike_groups(groups, {});
+  const auto merged = find_group_merges(groups, {});
   ASSERT_TRUE(merged);
   std::set<std::pair<std::int64_t, std::int64_t>> found(merged->begin(), merged->end());
   for (const auto& [from, into] : found) {
@@ -68,24 +69,24 @@ TEST(GroupMerging, LearnsWhatDiffersWithinGroups) {
     EXPECT_EQ(from, into + 1);
   }
   EXPECT_GE(found.size(), 11U);
-  EXPECT_EQ(alike_groups(groups, {}), merged);
+  EXPECT_EQ(find_group_merges(groups, {}), merged);
 }
 
-TEST(GroupMerging, StrangersAreNotMerged) {
-  const Crowd crowd(9);
+TEST(GroupMerging, DoesNotMergeDifferentPeople) {
+  const SyntheticPeople people(9);
   GroupTemplates groups;
-  for (int p = 0; p < 60; ++p) groups.emplace(p + 1, crowd.sightings(p, 3, p % 2 == 0 ? 6 : -6));
-  const auto merged = alike_groups(groups, {});
+  for (int p = 0; p < 60; ++p) groups.emplace(p + 1, people.sightings(p, 3, p % 2 == 0 ? 6 : -6));
+  const auto merged = find_group_merges(groups, {});
   ASSERT_TRUE(merged);
   EXPECT_TRUE(merged->empty());
 }
 
-TEST(GroupMerging, GroupsThatAreApartStayApart) {
-  const Crowd crowd(4);
-  GroupTemplates groups = halves(crowd, 12);
-  groups.emplace(30, crowd.sightings(0, 1, 6));
-  const auto free = alike_groups(groups, {});
-  const auto kept = alike_groups(groups, {{1, 2}});
+TEST(GroupMerging, RespectsCannotLinkPairs) {
+  const SyntheticPeople people(4);
+  GroupTemplates groups = two_groups_per_person(people, 12);
+  groups.emplace(30, people.sightings(0, 1, 6));
+  const auto free = find_group_merges(groups, {});
+  const auto kept = find_group_merges(groups, {{1, 2}});
   ASSERT_TRUE(free && kept);
   const auto count_of_first = [](const GroupPairs& merged) {
     std::map<std::int64_t, std::int64_t> in{{1, 1}, {2, 2}, {30, 30}};
@@ -101,30 +102,32 @@ TEST(GroupMerging, GroupsThatAreApartStayApart) {
   EXPECT_EQ(count_of_first(*kept), 2U);
 }
 
-TEST(GroupMerging, SaysWhereTooLittleIsKnown) {
-  const Crowd crowd(4);
-  EXPECT_FALSE(alike_groups({}, {}));
-  EXPECT_FALSE(alike_groups(halves(crowd, 4), {}));      // 8 groups
-  EXPECT_FALSE(alike_groups(halves(crowd, 12, 1), {}));  // no variation within groups
-  EXPECT_TRUE(alike_groups(halves(crowd, 6, 3), {}));
-  GroupTemplates broken = halves(crowd, 6, 3);
+TEST(GroupMerging, ReturnsNothingForTooFewData) {
+  const SyntheticPeople people(4);
+  EXPECT_FALSE(find_group_merges({}, {}));
+  EXPECT_FALSE(find_group_merges(two_groups_per_person(people, 4), {}));  // 8 groups
+  EXPECT_FALSE(
+      find_group_merges(two_groups_per_person(people, 12, 1), {}));  // no variation within groups
+  EXPECT_TRUE(find_group_merges(two_groups_per_person(people, 6, 3), {}));
+  GroupTemplates broken = two_groups_per_person(people, 6, 3);
   broken[99] = Rows::Zero(1, kLength + 1);
-  EXPECT_THROW((void)alike_groups(broken, {}), std::invalid_argument);
-  broken[99] = Rows::Zero(kMergingSightings + 1, kLength);
-  EXPECT_THROW((void)alike_groups(broken, {}), std::invalid_argument);
+  EXPECT_THROW((void)find_group_merges(broken, {}), std::invalid_argument);
+  broken[99] = Rows::Zero(kMaxSightingsPerGroup + 1, kLength);
+  EXPECT_THROW((void)find_group_merges(broken, {}), std::invalid_argument);
   GroupMergingOptions options;
   options.floor = 0;
-  EXPECT_THROW((void)alike_groups(halves(crowd, 6), {}, options), std::invalid_argument);
+  EXPECT_THROW((void)find_group_merges(two_groups_per_person(people, 6), {}, options),
+               std::invalid_argument);
 }
 
-TEST(GroupMerging, OfManyGroupsThoseWithMostSightingsTakePart) {
-  const Crowd crowd(4);
-  GroupTemplates groups = halves(crowd, 12);
-  for (int p = 100; p < 140; ++p) groups.emplace(p, crowd.sightings(p, 1, 6));
-  groups.emplace(200, crowd.sightings(0, 1, 6));  // of the first person
+TEST(GroupMerging, UsesTheLargestGroupsOnly) {
+  const SyntheticPeople people(4);
+  GroupTemplates groups = two_groups_per_person(people, 12);
+  for (int p = 100; p < 140; ++p) groups.emplace(p, people.sightings(p, 1, 6));
+  groups.emplace(200, people.sightings(0, 1, 6));  // of the first person
   GroupMergingOptions options;
   options.max_groups = 24;
-  const auto merged = alike_groups(groups, {}, options);
+  const auto merged = find_group_merges(groups, {}, options);
   ASSERT_TRUE(merged);
   EXPECT_GE(merged->size(), 10U);
   for (const auto& [from, into] : *merged) EXPECT_LT(from, 100);

@@ -19,16 +19,16 @@
 namespace tarsier::face::people {
 namespace {
 
-using NamedNumbers = std::pair<std::int64_t, std::vector<float>>;
+using IdTemplate = std::pair<std::int64_t, std::vector<float>>;
 
 constexpr std::size_t kBatch = 64;  // sightings per transaction
 
 // Templates of sightings, from stored coordinates or computed from their crops. Sightings that were
 // removed meanwhile are skipped.
-class Templates {
+class SightingTemplates {
  public:
-  Templates(Gallery& gallery, const recognition::Background& background,
-            const recognition::Recognizer& model)
+  SightingTemplates(Gallery& gallery, const recognition::Background& background,
+                    const recognition::Recognizer& model)
       : gallery_(gallery),
         background_(background),
         model_(model),
@@ -39,31 +39,31 @@ class Templates {
     return in_model(recognition::coordinates_of(background_, crop));
   }
 
-  std::vector<NamedNumbers> operator()(std::span<const std::int64_t> sightings) {
-    std::vector<NamedNumbers> out;
-    std::vector<NamedNumbers> made;
+  std::vector<IdTemplate> operator()(std::span<const std::int64_t> sightings) {
+    std::vector<IdTemplate> out;
+    std::vector<IdTemplate> computed;
     std::vector<cv::Mat> crops;
     for (const std::int64_t id : sightings) {
-      std::vector<float> numbers = gallery_.sighting_numbers(id, space_);
+      std::vector<float> numbers = gallery_.sighting_coordinates(id, space_);
       if (numbers.size() == count_) {
         out.emplace_back(id, std::move(numbers));
         continue;
       }
       auto face = gallery_.sighting_face(id);
       if (!face) continue;
-      made.emplace_back(id, std::vector<float>());
+      computed.emplace_back(id, std::vector<float>());
       crops.push_back(face->crop);
     }
-    cv::parallel_for_({0, static_cast<int>(made.size())}, [&](const cv::Range& range) {
+    cv::parallel_for_({0, static_cast<int>(computed.size())}, [&](const cv::Range& range) {
       for (int i = range.start; i < range.end; ++i)
-        made[static_cast<std::size_t>(i)].second =
+        computed[static_cast<std::size_t>(i)].second =
             recognition::coordinates_of(background_, crops[static_cast<std::size_t>(i)]);
     });
-    if (!made.empty()) gallery_.store_sighting_numbers(space_, made);
-    std::move(made.begin(), made.end(), std::back_inserter(out));
+    if (!computed.empty()) gallery_.store_sighting_coordinates(space_, computed);
+    std::move(computed.begin(), computed.end(), std::back_inserter(out));
     std::sort(out.begin(), out.end(),
-              [](const NamedNumbers& a, const NamedNumbers& b) { return a.first < b.first; });
-    for (NamedNumbers& one : out) one.second = in_model(one.second);
+              [](const IdTemplate& a, const IdTemplate& b) { return a.first < b.first; });
+    for (IdTemplate& one : out) one.second = in_model(one.second);
     return out;
   }
 
@@ -85,7 +85,7 @@ class Templates {
 
 // Restores the groups from the gallery.
 SightingGroups stored_groups(Gallery& gallery, const recognition::PairScores& pairs,
-                             const GroupingOptions& options, Templates& templates,
+                             const GroupingOptions& options, SightingTemplates& templates,
                              const std::stop_token& stop) {
   SightingGroups groups(pairs, options);
   struct Member {
@@ -103,31 +103,31 @@ SightingGroups stored_groups(Gallery& gallery, const recognition::PairScores& pa
     const std::size_t last = std::min(members.size(), at + kBatch);
     for (std::size_t i = at; i < last; ++i) ids.push_back(members[i].sighting);
     std::size_t i = at;
-    for (const NamedNumbers& one : templates(ids)) {
+    for (const IdTemplate& one : templates(ids)) {
       while (members[i].sighting != one.first) ++i;
       groups.restore(members[i].group, one.second, members[i].quality);
     }
   }
-  for (const auto& [a, b] : gallery.groups_apart()) groups.keep_apart(a, b);
+  for (const auto& [a, b] : gallery.cannot_link_pairs()) groups.add_cannot_link(a, b);
   groups.set_next(gallery.next_group());
   return groups;
 }
 
 // Min number of sightings for learning the variation within groups.
-constexpr std::size_t kTwoPasses = 60;
+constexpr std::size_t kMinTwoPassSightings = 60;
 
 // The first sightings of each group.
-GroupTemplates templates_of_groups(Gallery& gallery, Templates& templates,
+GroupTemplates templates_of_groups(Gallery& gallery, SightingTemplates& templates,
                                    const std::stop_token& stop) {
   std::map<std::int64_t, std::vector<std::int64_t>> members;
   gallery.each_grouped([&](std::int64_t sighting, std::int64_t group, double) {
     std::vector<std::int64_t>& of = members[group];
-    if (of.size() < static_cast<std::size_t>(kMergingSightings)) of.push_back(sighting);
+    if (of.size() < static_cast<std::size_t>(kMaxSightingsPerGroup)) of.push_back(sighting);
   });
   GroupTemplates out;
   for (const auto& [group, sightings] : members) {
     throw_if_stopped(stop);
-    const std::vector<NamedNumbers> faces = templates(sightings);
+    const std::vector<IdTemplate> faces = templates(sightings);
     if (faces.empty()) continue;
     recognition::Rows rows(static_cast<Eigen::Index>(faces.size()),
                            static_cast<Eigen::Index>(faces.front().second.size()));
@@ -140,18 +140,19 @@ GroupTemplates templates_of_groups(Gallery& gallery, Templates& templates,
 }
 
 // Makes one round of merges. False: nothing was merged.
-bool merge_round(Gallery& gallery, Templates& templates, GroupingReport& report,
-                 std::set<std::int64_t>& made, const std::stop_token& stop) {
+bool merge_round(Gallery& gallery, SightingTemplates& templates, GroupingReport& report,
+                 std::set<std::int64_t>& new_groups, const std::stop_token& stop) {
   throw_if_stopped(stop);
   const std::int64_t generation = gallery.generation();
-  std::set<std::pair<std::int64_t, std::int64_t>> apart;
-  for (const auto& [a, b] : gallery.groups_apart()) apart.emplace(std::min(a, b), std::max(a, b));
+  std::set<std::pair<std::int64_t, std::int64_t>> cannot_link;
+  for (const auto& [a, b] : gallery.cannot_link_pairs())
+    cannot_link.emplace(std::min(a, b), std::max(a, b));
   const std::optional<GroupPairs> merged =
-      alike_groups(templates_of_groups(gallery, templates, stop), apart);
+      find_group_merges(templates_of_groups(gallery, templates, stop), cannot_link);
   if (!merged || merged->empty()) return false;
-  if (!gallery.unite(*merged, generation)) return true;  // a correction was made meanwhile
+  if (!gallery.store_merges(*merged, generation)) return true;  // a correction was made meanwhile
   report.merged += static_cast<std::int64_t>(merged->size());
-  for (const auto& [from, into] : *merged) made.erase(from);
+  for (const auto& [from, into] : *merged) new_groups.erase(from);
   return true;
 }
 
@@ -167,55 +168,55 @@ struct SightingGrouping::Work {
       : gallery(of),
         pairs(recognition::pair_scores(background)),
         templates(of, background, pairs.model),
-        first(options),
+        first_pass(options),
         generation(of.generation()),
-        waiting(of.ungrouped()) {
-    std::size_t sightings = waiting.size();
+        pending(of.ungrouped()) {
+    std::size_t sightings = pending.size();
     of.each_grouped([&](std::int64_t, std::int64_t, double) { ++sightings; });
-    two_passes = options.false_merges == 0 && sightings >= kTwoPasses &&
+    two_passes = options.false_merges == 0 && sightings >= kMinTwoPassSightings &&
                  pairs.model.options.algorithm != recognition::Algorithm::kDeep;
-    if (two_passes) first.false_merges = kFirstPassMerges;
+    if (two_passes) first_pass.false_merges = kFirstPassFalseMergeRate;
   }
 
   // Places some sightings; false: none is left.
-  bool place(const std::stop_token& stop, std::size_t most) {
-    if (!groups) groups = stored_groups(gallery, pairs, first, templates, stop);
-    if (at >= waiting.size()) return false;
+  bool assign(const std::stop_token& stop, std::size_t max_sightings) {
+    if (!groups) groups = stored_groups(gallery, pairs, first_pass, templates, stop);
+    if (at >= pending.size()) return false;
     throw_if_stopped(stop);
-    const std::size_t last = std::min(waiting.size(), at + most);
-    const std::vector<NamedNumbers> faces = templates(std::span(waiting).subspan(at, last - at));
-    std::vector<Gallery::Placed> placed;
-    std::set<std::int64_t> now = made;
-    for (const NamedNumbers& face : faces) {
+    const std::size_t last = std::min(pending.size(), at + max_sightings);
+    const std::vector<IdTemplate> faces = templates(std::span(pending).subspan(at, last - at));
+    std::vector<Gallery::SightingAssignment> assigned;
+    std::set<std::int64_t> now = new_groups;
+    for (const IdTemplate& face : faces) {
       const auto seen = gallery.sighting_face(face.first);
       if (!seen) continue;
-      Placement placement = groups->add(face.second, seen->quality);
-      if (placement.is_new) now.insert(placement.group);
-      for (const auto& [from, into] : placement.merged) now.erase(from);
-      placed.push_back({face.first, placement.group, std::move(placement.merged)});
+      GroupAssignment assignment = groups->add(face.second, seen->quality);
+      if (assignment.is_new) now.insert(assignment.group);
+      for (const auto& [from, into] : assignment.merged) now.erase(from);
+      assigned.push_back({face.first, assignment.group, std::move(assignment.merged)});
     }
-    if (!gallery.place(placed, groups->next(), generation)) {
+    if (!gallery.store_assignments(assigned, groups->next(), generation)) {
       // The gallery was changed meanwhile: read the current state.
       generation = gallery.generation();
-      waiting = gallery.ungrouped();
+      pending = gallery.ungrouped();
       groups.reset();
       at = 0;
       return true;
     }
-    made = std::move(now);
-    for (const Gallery::Placed& one : placed)
+    new_groups = std::move(now);
+    for (const Gallery::SightingAssignment& one : assigned)
       report.merged += static_cast<std::int64_t>(one.merged.size());
-    report.placed += static_cast<std::int64_t>(placed.size());
+    report.assigned += static_cast<std::int64_t>(assigned.size());
     at = last;
     return true;
   }
 
-  bool step(const std::stop_token& stop, std::size_t most) {
+  bool step(const std::stop_token& stop, std::size_t max_sightings) {
     if (done) return false;
-    if (place(stop, most)) return true;
+    if (assign(stop, max_sightings)) return true;
     report.threshold = groups->threshold();
-    if (two_passes && merge_round(gallery, templates, report, made, stop)) return true;
-    report.made = static_cast<std::int64_t>(made.size());
+    if (two_passes && merge_round(gallery, templates, report, new_groups, stop)) return true;
+    report.new_groups = static_cast<std::int64_t>(new_groups.size());
     report.groups = static_cast<std::int64_t>(gallery.groups().size());
     done = true;
     return false;
@@ -223,13 +224,13 @@ struct SightingGrouping::Work {
 
   Gallery& gallery;
   recognition::PairScores pairs;
-  Templates templates;
-  GroupingOptions first;  // of the first pass
+  SightingTemplates templates;
+  GroupingOptions first_pass;
   std::int64_t generation;
-  std::vector<std::int64_t> waiting;
-  std::size_t at = 0;  // index into `waiting`
+  std::vector<std::int64_t> pending;
+  std::size_t at = 0;  // index into `pending`
   std::optional<SightingGroups> groups;
-  std::set<std::int64_t> made;
+  std::set<std::int64_t> new_groups;
   bool two_passes = false;
   bool done = false;
   GroupingReport report;
@@ -242,12 +243,12 @@ SightingGrouping::~SightingGrouping() = default;
 SightingGrouping::SightingGrouping(SightingGrouping&&) noexcept = default;
 SightingGrouping& SightingGrouping::operator=(SightingGrouping&&) noexcept = default;
 
-bool SightingGrouping::step(const std::stop_token& stop, int most) {
-  return work_->step(stop, static_cast<std::size_t>(std::max(1, most)));
+bool SightingGrouping::step(const std::stop_token& stop, int max_sightings) {
+  return work_->step(stop, static_cast<std::size_t>(std::max(1, max_sightings)));
 }
 
-std::int64_t SightingGrouping::waiting() const {
-  return static_cast<std::int64_t>(work_->waiting.size() - work_->at);
+std::int64_t SightingGrouping::pending() const {
+  return static_cast<std::int64_t>(work_->pending.size() - work_->at);
 }
 
 const GroupingReport& SightingGrouping::report() const { return work_->report; }
@@ -256,11 +257,11 @@ GroupingReport group_sightings(Gallery& gallery, const recognition::Background& 
                                const GroupingOptions& options, Progress& progress,
                                const std::stop_token& stop) {
   SightingGrouping grouping(gallery, background, options);
-  progress.begin("grouping", grouping.waiting(), "faces");
+  progress.begin("grouping", grouping.pending(), "faces");
   for (bool more = true; more;) {
-    const std::int64_t before = grouping.waiting();
+    const std::int64_t before = grouping.pending();
     more = grouping.step(stop, static_cast<int>(kBatch));
-    progress.advance(std::max<std::int64_t>(0, before - grouping.waiting()));
+    progress.advance(std::max<std::int64_t>(0, before - grouping.pending()));
   }
   progress.end();
   return grouping.report();
@@ -273,7 +274,7 @@ struct GroupFinder::Work {
         templates(of, background, pairs.model) {}
   Gallery& gallery;
   recognition::PairScores pairs;
-  Templates templates;
+  SightingTemplates templates;
   std::optional<SightingGroups> groups;
 };
 
@@ -283,7 +284,7 @@ GroupFinder::~GroupFinder() = default;
 GroupFinder::GroupFinder(GroupFinder&&) noexcept = default;
 GroupFinder& GroupFinder::operator=(GroupFinder&&) noexcept = default;
 
-void GroupFinder::reread() { work_->groups.reset(); }
+void GroupFinder::invalidate() { work_->groups.reset(); }
 
 std::int64_t GroupFinder::find(const cv::Mat& crop, double quality, const std::stop_token& stop) {
   if (!work_->groups)

@@ -16,19 +16,19 @@
 namespace tarsier::face::people {
 
 struct GroupingReport {
-  std::int64_t placed = 0;  // sightings
-  std::int64_t made = 0;    // new groups that still exist
-  std::int64_t merged = 0;  // groups that were merged into another one
-  std::int64_t groups = 0;  // current number of groups
-  double threshold = 0;     // current threshold for the score of two groups in the first pass
+  std::int64_t assigned = 0;    // sightings
+  std::int64_t new_groups = 0;  // new groups that still exist
+  std::int64_t merged = 0;      // groups that were merged into another one
+  std::int64_t groups = 0;      // current number of groups
+  double threshold = 0;         // current threshold for the score of two groups in the first pass
 };
 
 // Places the ungrouped sightings in their order, in batches. Placed sightings survive an
 // interruption, and a later call continues with the same result. Classic templates are grouped in
 // two passes if options.false_merges is 0 and there are at least 60 sightings. The first pass uses
-// kFirstPassMerges. The second pass merges groups of the same person (alike_groups(), repeated
-// until nothing changes). `background` must have directions. Sightings that were placed with
-// another background (classic, deep) are compared with this one from now on. Throws
+// kFirstPassFalseMergeRate. The second pass merges groups of the same person (find_group_merges(),
+// repeated until nothing changes). `background` must have directions. Sightings that were placed
+// with another background (classic, deep) are compared with this one from now on. Throws
 // std::invalid_argument, OutputError, Interrupted.
 [[nodiscard]] GroupingReport group_sightings(Gallery& gallery,
                                              const recognition::Background& background,
@@ -45,11 +45,11 @@ class SightingGrouping {
   ~SightingGrouping();
   SightingGrouping(SightingGrouping&&) noexcept;
   SightingGrouping& operator=(SightingGrouping&&) noexcept;
-  // Places up to `most` sightings, or makes a round of merges. False: nothing is left to do. The
-  // groups do not depend on `most`. Throws as group_sightings().
-  bool step(const std::stop_token& stop, int most = 64);
-  [[nodiscard]] std::int64_t waiting() const;  // sightings that are not placed yet
-  // The report so far; `made` and `groups` are set when nothing is left to do.
+  // Places up to `max_sightings` sightings, or makes a round of merges. False: nothing is left to
+  // do. The groups do not depend on `max_sightings`. Throws as group_sightings().
+  bool step(const std::stop_token& stop, int max_sightings = 64);
+  [[nodiscard]] std::int64_t pending() const;  // sightings that are not placed yet
+  // The report so far; `new_groups` and `groups` are set when nothing is left to do.
   [[nodiscard]] const GroupingReport& report() const;
 
  private:
@@ -66,8 +66,8 @@ class GroupFinder {
   GroupFinder(GroupFinder&&) noexcept;
   GroupFinder& operator=(GroupFinder&&) noexcept;
   // Call when the groups changed: they are read again on the next find().
-  void reread();
-  // `crop`: CV_8UC1, as from cut_face(); `quality` 0..1. Returns 0 if no group is similar enough.
+  void invalidate();
+  // `crop`: CV_8UC1, as from crop_face(); `quality` 0..1. Returns 0 if no group is similar enough.
   [[nodiscard]] std::int64_t find(const cv::Mat& crop, double quality, const std::stop_token& stop);
 
  private:

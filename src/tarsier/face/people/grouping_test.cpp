@@ -38,8 +38,8 @@ class GroupingTest : public FolderTest {
         recognition::synthetic_faces(people, images + first_image, 0.2, 5, 0, {128, 160});
     for (int k = first_image; k < first_image + images; ++k) {
       for (int p = 0; p < people; ++p) {
-        const SeenFace face{set.faces[static_cast<std::size_t>(p * (images + first_image) + k)],
-                            0.9, "{}"};
+        const SightingFace face{set.faces[static_cast<std::size_t>(p * (images + first_image) + k)],
+                                0.9, "{}"};
         ASSERT_GT(gallery.add_sighting(1000 * k + p, "camera", "", false, 0, &face), 0);
       }
     }
@@ -47,7 +47,7 @@ class GroupingTest : public FolderTest {
   GroupingReport group(Gallery& gallery) {
     return group_sightings(gallery, background(), {}, progress_, {});
   }
-  static std::map<std::int64_t, std::int64_t> placed(Gallery& gallery) {
+  static std::map<std::int64_t, std::int64_t> group_of_sightings(Gallery& gallery) {
     std::map<std::int64_t, std::int64_t> out;
     for (const Sighting& sighting : gallery.sightings()) out[sighting.id] = sighting.group;
     return out;
@@ -55,43 +55,43 @@ class GroupingTest : public FolderTest {
   NoProgress progress_;
 };
 
-TEST_F(GroupingTest, TheSameGroupsInWhateverBatchesAndThreads) {
+TEST_F(GroupingTest, DoesNotDependOnBatchesAndThreads) {
   Gallery one(path("one.db"));
   see(one, 6, 0, 4);
   const GroupingReport report = group(one);
-  EXPECT_EQ(report.placed, 24);
+  EXPECT_EQ(report.assigned, 24);
   EXPECT_EQ(report.groups, 6);
-  EXPECT_EQ(report.made, 6);
+  EXPECT_EQ(report.new_groups, 6);
   for (const SightingGroup& of : one.groups()) EXPECT_EQ(of.sightings, 4);
-  EXPECT_EQ(group(one).placed, 0);
+  EXPECT_EQ(group(one).assigned, 0);
 
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
   Gallery many(path("many.db"));
   for (int k = 0; k < 4; ++k) {
     see(many, 6, k, 1);
-    EXPECT_EQ(group(many).placed, 6);
+    EXPECT_EQ(group(many).assigned, 6);
   }
   cv::setNumThreads(threads);
   // The images of the two galleries differ, since their random numbers depend on the number in the
   // set. So only the groupings are compared.
-  EXPECT_EQ(placed(one), placed(many));
+  EXPECT_EQ(group_of_sightings(one), group_of_sightings(many));
 }
 
 // Enough sightings for two passes: the groups of the first pass are merged, and split groups stay
 // apart.
-TEST_F(GroupingTest, ManySightingsGetASecondPass) {
+TEST_F(GroupingTest, SecondPassMergesManySightings) {
   Gallery gallery(path("many.db"));
   see(gallery, 12, 0, 6);
   GroupingOptions strict;
-  strict.false_merges = kFirstPassMerges;
+  strict.false_merges = kFirstPassFalseMergeRate;
   Gallery once(path("once.db"));
   see(once, 12, 0, 6);
   const GroupingReport first = group_sightings(once, background(), strict, progress_, {});
   const GroupingReport report = group(gallery);
-  EXPECT_EQ(report.placed, 72);
+  EXPECT_EQ(report.assigned, 72);
   EXPECT_EQ(report.groups, 12);
-  EXPECT_EQ(report.made, 12);
+  EXPECT_EQ(report.new_groups, 12);
   EXPECT_GE(first.groups, report.groups);
   for (const SightingGroup& of : gallery.groups()) EXPECT_EQ(of.sightings, 6);
   EXPECT_EQ(group(gallery).merged, 0);  // nothing is left to merge
@@ -102,23 +102,23 @@ TEST_F(GroupingTest, ManySightingsGetASecondPass) {
   EXPECT_EQ(group(gallery).groups, 13);
 }
 
-TEST_F(GroupingTest, GroupsAreUnitedInOrderAndNotInAGalleryThatChanged) {
+TEST_F(GroupingTest, StoreMergesRejectsAChangedGallery) {
   Gallery gallery(path("p.db"));
   see(gallery, 3, 0, 2);
   (void)group(gallery);
   const std::int64_t generation = gallery.generation();
   const GroupPairs gone{{9, 1}};
-  EXPECT_FALSE(gallery.unite(gone, generation));
+  EXPECT_FALSE(gallery.store_merges(gone, generation));
   const GroupPairs chain{{3, 2}, {2, 1}};
-  EXPECT_FALSE(gallery.unite(chain, generation - 1));
+  EXPECT_FALSE(gallery.store_merges(chain, generation - 1));
   ASSERT_THAT(gallery.groups(), SizeIs(3));
-  EXPECT_TRUE(gallery.unite(chain, generation));
+  EXPECT_TRUE(gallery.store_merges(chain, generation));
   ASSERT_THAT(gallery.groups(), SizeIs(1));
   EXPECT_EQ(gallery.groups().front().id, 1);
   EXPECT_EQ(gallery.groups().front().sightings, 6);
 }
 
-TEST_F(GroupingTest, GroupsStayWhileOthersComeAndGo) {
+TEST_F(GroupingTest, KeepsGroupIdsAfterRemovals) {
   Gallery gallery(path("p.db"));
   see(gallery, 3, 0, 3);
   (void)group(gallery);
@@ -128,7 +128,7 @@ TEST_F(GroupingTest, GroupsStayWhileOthersComeAndGo) {
   const auto report = gallery.forget_group(2, {});
   ASSERT_TRUE(report);
   EXPECT_EQ(report->sightings, 2);
-  EXPECT_TRUE(report->proven()) << report->unproven;
+  EXPECT_TRUE(report->proven()) << report->unproven_records;
   EXPECT_FALSE(gallery.forget_group(2, {}));
   see(gallery, 3, 3, 1);
   (void)group(gallery);
@@ -138,14 +138,14 @@ TEST_F(GroupingTest, GroupsStayWhileOthersComeAndGo) {
   EXPECT_EQ(sizes, (std::map<std::int64_t, std::int64_t>{{1, 3}, {3, 3}, {4, 1}}));
 }
 
-TEST_F(GroupingTest, ACorrectionMeanwhileIsRespected) {
+TEST_F(GroupingTest, RespectsCorrectionsMadeMeanwhile) {
   Gallery gallery(path("p.db"));
   see(gallery, 2, 0, 3);
   (void)group(gallery);
   const std::int64_t generation = gallery.generation();
   // A user assigns the third sighting of the first person to another person.
   (void)gallery.split_group(1, std::vector<std::int64_t>{5}, {1, "me"});
-  EXPECT_FALSE(gallery.place({}, 9, generation));
+  EXPECT_FALSE(gallery.store_assignments({}, 9, generation));
   see(gallery, 2, 3, 1);
   (void)group(gallery);
   // The two groups of that person stay apart.
@@ -154,16 +154,16 @@ TEST_F(GroupingTest, ACorrectionMeanwhileIsRespected) {
   EXPECT_THAT(gallery.groups(), SizeIs(2));
 }
 
-TEST_F(GroupingTest, InPiecesItIsTheSame) {
+TEST_F(GroupingTest, StepsGiveTheSameGroups) {
   Gallery whole(path("whole.db"));
   see(whole, 6, 0, 3);
   group(whole);
   Gallery pieces(path("pieces.db"));
   see(pieces, 6, 0, 3);
   SightingGrouping grouping(pieces, background(), {});
-  EXPECT_EQ(grouping.waiting(), 18);
+  EXPECT_EQ(grouping.pending(), 18);
   EXPECT_TRUE(grouping.step({}, 5));
-  EXPECT_EQ(grouping.waiting(), 13);
+  EXPECT_EQ(grouping.pending(), 13);
   EXPECT_EQ(pieces.ungrouped_count(), 13);  // placed sightings stay placed
   // A correction by a user meanwhile: grouping starts again from the current state.
   StoredFace ann;
@@ -173,15 +173,15 @@ TEST_F(GroupingTest, InPiecesItIsTheSame) {
   while (grouping.step({}, 5)) {
   }
   EXPECT_FALSE(grouping.step({}, 5));
-  EXPECT_EQ(placed(pieces), placed(whole));
-  EXPECT_EQ(grouping.report().placed, 18);
+  EXPECT_EQ(group_of_sightings(pieces), group_of_sightings(whole));
+  EXPECT_EQ(grouping.report().assigned, 18);
   EXPECT_EQ(grouping.report().groups, 6);
   GroupingOptions wrong;
   wrong.false_merges = 2;
   EXPECT_THROW(SightingGrouping(pieces, background(), wrong), std::invalid_argument);
 }
 
-TEST_F(GroupingTest, TheGroupOfAFaceThatIsNotPlaced) {
+TEST_F(GroupingTest, GroupFinderFindsTheGroupOfANewFace) {
   Gallery gallery(path("one.db"));
   GroupFinder finder(gallery, background());
   const auto set = recognition::synthetic_faces(6, 5, 0.2, 5, 0, {128, 160});
@@ -189,7 +189,7 @@ TEST_F(GroupingTest, TheGroupOfAFaceThatIsNotPlaced) {
   see(gallery, 5, 0, 4);
   group(gallery);
   EXPECT_EQ(finder.find(set.faces[4], 0.9, {}), 0);  // the new sightings are not read yet
-  finder.reread();
+  finder.invalidate();
   for (std::int64_t p = 0; p < 5; ++p)
     EXPECT_EQ(finder.find(set.faces[static_cast<std::size_t>(5 * p + 4)], 0.9, {}), p + 1);
   EXPECT_EQ(finder.find(set.faces[29], 0.9, {}), 0);  // the sixth was never seen

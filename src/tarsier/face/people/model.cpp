@@ -43,11 +43,11 @@ Recognition recognize(const Recognizer& model, const std::vector<float>& feature
 
 namespace {
 
-constexpr double kSameRate = 0.001;
+constexpr double kDuplicateFalseAcceptRate = 0.001;
 
 template <typename Name>
-std::vector<std::string> often_taken_for(const std::vector<cv::Mat>& crops, const std::string& name,
-                                         const Name& recognise) {
+std::vector<std::string> frequent_matches(const std::vector<cv::Mat>& crops,
+                                          const std::string& name, const Name& recognise) {
   std::map<std::string, std::size_t> taken_for;
   for (const cv::Mat& crop : crops) {
     const Recognition seen = recognise(crop);
@@ -65,17 +65,19 @@ std::vector<float> template_of_crop(const Recognizer& model, const cv::Mat& crop
 
 }  // namespace
 
-std::vector<std::string> other_names(const Recognizer& model, const std::vector<cv::Mat>& crops,
-                                     const std::string& name) {
-  return often_taken_for(crops, name, [&](const cv::Mat& crop) {
-    return recognize(model, template_of_crop(model, crop), kSameRate);
+std::vector<std::string> duplicate_names(const Recognizer& model, const std::vector<cv::Mat>& crops,
+                                         const std::string& name) {
+  return frequent_matches(crops, name, [&](const cv::Mat& crop) {
+    return recognize(model, template_of_crop(model, crop), kDuplicateFalseAcceptRate);
   });
 }
 
-std::vector<std::string> other_names(GalleryFollower& follower, const std::vector<cv::Mat>& crops,
-                                     const std::string& name) {
-  return often_taken_for(crops, name, [&](const cv::Mat& crop) {
-    return follower.recognize(template_of_crop(*follower.recognizer(), crop), kSameRate);
+std::vector<std::string> duplicate_names(GalleryFollower& follower,
+                                         const std::vector<cv::Mat>& crops,
+                                         const std::string& name) {
+  return frequent_matches(crops, name, [&](const cv::Mat& crop) {
+    return follower.recognize(template_of_crop(*follower.recognizer(), crop),
+                              kDuplicateFalseAcceptRate);
   });
 }
 

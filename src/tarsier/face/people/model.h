@@ -19,23 +19,23 @@
 
 // The recogniser of a gallery, and the identification of a face.
 //
-// Up to kLearnedWhole faces, everything is trained on all of them. This takes seconds and is
-// repeated on the next use after a change. A larger gallery (of the default recogniser, with a
+// Up to kMaxSmallGalleryFaces faces, everything is trained on all of them. This takes seconds and
+// is repeated on the next use after a change. A larger gallery (of the default recogniser, with a
 // background) does not learn directions of its own. Its faces are stored as coordinates in the
 // fixed directions of the background (recognition/background_space.h), computed once at enrolment.
-// Within these directions, the model is trained on at most recognition::kMaxLearnedFaces faces, if
+// Within these directions, the model is trained on at most recognition::kMaxTrainingFaces faces, if
 // there is none yet or on request. Enrolment never invalidates it.
 //
 // Deep templates are such coordinates in a gallery of any size: embeddings instead of coordinates
-// in a background's directions. Up to kLearnedWhole faces, the model is trained again after each
-// change, too.
+// in a background's directions. Up to kMaxSmallGalleryFaces faces, the model is trained again after
+// each change, too.
 namespace tarsier::face::people {
 
-inline constexpr int kLearnedWhole = 500;
+inline constexpr int kMaxSmallGalleryFaces = 500;
 // The classical recognisers compare each image with every other, so larger galleries are refused.
 inline constexpr int kMaxClassical = 1000;
 
-// The input of a recogniser for a face from cut_face(): the unchanged face for the default and the
+// The input of a recogniser for a face from crop_face(): the unchanged face for the default and the
 // deep one, classical_face() for the classical ones.
 [[nodiscard]] cv::Mat recognizer_input(recognition::Algorithm algorithm, const cv::Mat& crop);
 
@@ -56,17 +56,17 @@ struct GalleryModel {
 };
 
 // Which model is needed.
-enum class Learn {
-  kWhenDue,  // the stored one, if it is still valid
-  kNow,      // a newly trained one
+enum class TrainingPolicy {
+  kIfNeeded,  // the stored one, if it is still valid
+  kAlways,    // a newly trained one
 };
 
 // Whether a large gallery may be searched by its index, if it has a usable one.
-enum class Searching {
-  kAll,  // all faces are read and compared
-  kByIndex,
+enum class SearchMode {
+  kExhaustive,  // all faces are read and compared
+  kIndexed,
   // no search: templates are computed and training is done if due, but no model is returned
-  kNothing,
+  kNone,
 };
 
 // Prepares the model of a gallery in small steps, for callers with other work to do in between.
@@ -79,7 +79,7 @@ class GalleryTraining {
   // read. Throws std::invalid_argument for faces that the algorithm cannot be trained on
   // (Fisherfaces: one person; classical ones: too many faces).
   GalleryTraining(Gallery& gallery, const recognition::Background* background, bool store,
-                  Learn learn, Searching searching = Searching::kAll);
+                  TrainingPolicy policy, SearchMode search_mode = SearchMode::kExhaustive);
   ~GalleryTraining();
   GalleryTraining(GalleryTraining&&) noexcept;
   GalleryTraining& operator=(GalleryTraining&&) noexcept;
@@ -96,26 +96,27 @@ class GalleryTraining {
 
 // Does all steps of GalleryTraining.
 [[nodiscard]] std::optional<GalleryModel> load_gallery_model(
-    Gallery& gallery, const recognition::Background* background, bool store, Learn learn,
-    Progress& progress, const std::stop_token& stop, Searching searching = Searching::kAll);
+    Gallery& gallery, const recognition::Background* background, bool store, TrainingPolicy policy,
+    Progress& progress, const std::stop_token& stop,
+    SearchMode search_mode = SearchMode::kExhaustive);
 
 // The recogniser alone.
 [[nodiscard]] std::optional<recognition::Recognizer> gallery_model(
     Gallery& gallery, const recognition::Background* background, bool store, Progress& progress,
-    const std::stop_token& stop, Learn learn = Learn::kWhenDue);
+    const std::stop_token& stop, TrainingPolicy policy = TrainingPolicy::kIfNeeded);
 
 // Computes the templates of faces before their enrolment, in the space that the gallery uses, so
 // that enrolment changes nothing else. The time does not depend on the size of the gallery.
-class TemplateMaker {
+class TemplateExtractor {
  public:
   // `background` may be null; both must outlive the object.
-  TemplateMaker(Gallery& gallery, const recognition::Background* background);
+  TemplateExtractor(Gallery& gallery, const recognition::Background* background);
   // Sets `features` and `space` from `crop`. Leaves them empty if there is no model yet: the
   // template is then computed when a model is requested.
   void fill(StoredFace& face);
 
  private:
-  void look();
+  void refresh();
   Gallery& gallery_;
   const recognition::Background* background_;
   std::int64_t generation_ = -1;
@@ -134,7 +135,8 @@ class GalleryFollower {
  public:
   // Both must outlive the object; `background` may be null. `model`: empty if nobody is enrolled.
   GalleryFollower(Gallery& gallery, const recognition::Background* background,
-                  std::optional<GalleryModel> model, Searching searching = Searching::kAll);
+                  std::optional<GalleryModel> model,
+                  SearchMode search_mode = SearchMode::kExhaustive);
 
   enum class Change {
     kNone,
@@ -156,17 +158,17 @@ class GalleryFollower {
   // a warning is logged, and all faces are read instead. At least one person must be enrolled.
   [[nodiscard]] Recognition recognize(const std::vector<float>& features, double false_accepts);
   // Whether a person of this name is enrolled.
-  [[nodiscard]] bool knows(const std::string& name) const;
+  [[nodiscard]] bool is_enrolled(const std::string& name) const;
   [[nodiscard]] const GalleryIndex* index() const { return model_ ? model_->index.get() : nullptr; }
 
  private:
-  [[nodiscard]] bool take_index();
-  void read_all();
-  void follow_faces();
+  [[nodiscard]] bool load_index();
+  void load_all_faces();
+  void update_faces();
   Gallery& gallery_;
   const recognition::Background* background_;
   std::optional<GalleryModel> model_;
-  Searching searching_;
+  SearchMode search_mode_;
   std::string tried_index_;  // Gallery::index_record() of an index that could not be used
   std::int64_t generation_ = -1;
 };
@@ -194,15 +196,15 @@ struct Recognition {
                                          const recognition::PersonScore& best, double false_accepts,
                                          int people);
 
-// Other people of the gallery with whom more than half of these new faces (cut_face()) match at a
+// Other people of the gallery with whom more than half of these new faces (crop_face()) match at a
 // false accept rate of one in a thousand. They are probably the same person under another name.
 // Empty if there are none.
-[[nodiscard]] std::vector<std::string> other_names(const recognition::Recognizer& model,
-                                                   const std::vector<cv::Mat>& crops,
-                                                   const std::string& name);
+[[nodiscard]] std::vector<std::string> duplicate_names(const recognition::Recognizer& model,
+                                                       const std::vector<cv::Mat>& crops,
+                                                       const std::string& name);
 // The same with the follower's gallery.
-[[nodiscard]] std::vector<std::string> other_names(GalleryFollower& follower,
-                                                   const std::vector<cv::Mat>& crops,
-                                                   const std::string& name);
+[[nodiscard]] std::vector<std::string> duplicate_names(GalleryFollower& follower,
+                                                       const std::vector<cv::Mat>& crops,
+                                                       const std::string& name);
 
 }  // namespace tarsier::face::people

@@ -18,18 +18,20 @@ bool is_utf8(std::string_view text) {
       ++i;
       continue;
     }
-    const int more = first >= 0xF0 ? 3 : first >= 0xE0 ? 2 : 1;
-    if (first < 0xC2 || first > 0xF4 || i + static_cast<std::size_t>(more) >= text.size())
+    const int continuation_bytes = first >= 0xF0 ? 3 : first >= 0xE0 ? 2 : 1;
+    if (first < 0xC2 || first > 0xF4 ||
+        i + static_cast<std::size_t>(continuation_bytes) >= text.size())
       return false;
-    std::uint32_t code = first & (0x3FU >> more);
-    for (int k = 1; k <= more; ++k) {
+    std::uint32_t code = first & (0x3FU >> continuation_bytes);
+    for (int k = 1; k <= continuation_bytes; ++k) {
       const auto next = static_cast<unsigned char>(text[i + static_cast<std::size_t>(k)]);
       if ((next & 0xC0) != 0x80) return false;
       code = (code << 6) | (next & 0x3FU);
     }
-    const bool overlong = (more == 2 && code < 0x800) || (more == 3 && code < 0x10000);
+    const bool overlong =
+        (continuation_bytes == 2 && code < 0x800) || (continuation_bytes == 3 && code < 0x10000);
     if (overlong || code > 0x10FFFF || (code >= 0xD800 && code < 0xE000)) return false;
-    i += static_cast<std::size_t>(more) + 1;
+    i += static_cast<std::size_t>(continuation_bytes) + 1;
   }
   return true;
 }
@@ -50,10 +52,10 @@ void check_name(std::string_view name) {
 }
 
 void check_note(std::string_view note) {
-  constexpr std::size_t kMost = 10'000;
-  if (note.size() > kMost)
+  constexpr std::size_t kMaxNoteBytes = 10'000;
+  if (note.size() > kMaxNoteBytes)
     throw UsageError(
-        fmt::format("the note has {} bytes, at most {} are allowed", note.size(), kMost));
+        fmt::format("the note has {} bytes, at most {} are allowed", note.size(), kMaxNoteBytes));
   if (!is_utf8(note)) throw UsageError("the note is not UTF-8");
 }
 

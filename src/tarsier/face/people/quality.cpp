@@ -14,7 +14,7 @@ namespace tarsier::face::people {
 namespace {
 
 // In the mean face: distance of the nose base below the eyes, in eye distances.
-constexpr double kUsualNose = 0.67;
+constexpr double kMeanNoseDistance = 0.67;
 
 // The oval of the face in the crop, without hair and background.
 cv::Mat oval(cv::Size size) {
@@ -25,7 +25,7 @@ cv::Mat oval(cv::Size size) {
   return mask;
 }
 
-double rising(double value, double low, double high) {
+double ramp(double value, double low, double high) {
   return std::clamp((value - low) / (high - low), 0.0, 1.0);
 }
 
@@ -35,13 +35,12 @@ double round4(double value) { return std::round(value * 1e4) / 1e4; }
 
 double Quality::score() const {
   const QualityGate gate;
-  return std::min({rising(eye_distance, gate.min_eye_distance / 2, 2.5 * gate.min_eye_distance),
-                   rising(sharpness, gate.min_sharpness / 2, 1.6 * gate.min_sharpness),
-                   1 - rising(std::abs(turn), 0.05, 2 * gate.max_turn),
-                   1 - rising(std::abs(tilt), 0.05, 2 * gate.max_tilt),
-                   rising(light, gate.min_light / 2, 2 * gate.min_light),
-                   1 - rising(light, 190, 250), rising(contrast, 6, 24),
-                   1 - rising(clipped, 0.1, 0.6), 1 - rising(uneven, 0.25, 1)});
+  return std::min({ramp(eye_distance, gate.min_eye_distance / 2, 2.5 * gate.min_eye_distance),
+                   ramp(sharpness, gate.min_sharpness / 2, 1.6 * gate.min_sharpness),
+                   1 - ramp(std::abs(turn), 0.05, 2 * gate.max_turn),
+                   1 - ramp(std::abs(tilt), 0.05, 2 * gate.max_tilt),
+                   ramp(light, gate.min_light / 2, 2 * gate.min_light), 1 - ramp(light, 190, 250),
+                   ramp(contrast, 6, 24), 1 - ramp(clipped, 0.1, 0.6), 1 - ramp(uneven, 0.25, 1)});
 }
 
 void QualityGate::check() const {
@@ -99,29 +98,29 @@ Quality measure_quality(const cv::Mat& crop, const Eyes& eyes, const Eigen::Matr
     const Eigen::Vector2d nose = points.middleCols(30, 6).rowwise().mean();
     const Eigen::Vector2d across = (right - left).normalized();
     const Eigen::Vector2d down(-across.y(), across.x());
-    const Eigen::Vector2d off = (nose - 0.5 * (left + right)) / out.eye_distance;
-    out.turn = off.dot(across);
-    out.tilt = off.dot(down) - kUsualNose;
+    const Eigen::Vector2d nose_offset = (nose - 0.5 * (left + right)) / out.eye_distance;
+    out.turn = nose_offset.dot(across);
+    out.tilt = nose_offset.dot(down) - kMeanNoseDistance;
   } else {
     // Turned faces differ from their mirror image even after light normalisation.
-    cv::Mat even;
-    cv::divide(values, blurred + 8, even);
+    cv::Mat normalized;
+    cv::divide(values, blurred + 8, normalized);
     cv::GaussianBlur(values, blurred, {}, 6);
-    cv::divide(values, blurred + 8, even);
+    cv::divide(values, blurred + 8, normalized);
     cv::Mat mirrored;
-    cv::flip(even, mirrored, 1);
-    cv::Scalar even_mean;
-    cv::Scalar even_deviation;
-    cv::meanStdDev(even, even_mean, even_deviation, mask);
-    const cv::Mat product = (even - even_mean[0]).mul(mirrored - even_mean[0]);
-    const double same =
-        cv::mean(product, mask)[0] / std::max(1e-6, even_deviation[0] * even_deviation[0]);
-    out.turn = 0.5 * (1 - std::clamp(same, 0.0, 1.0));
+    cv::flip(normalized, mirrored, 1);
+    cv::Scalar normalized_mean;
+    cv::Scalar normalized_deviation;
+    cv::meanStdDev(normalized, normalized_mean, normalized_deviation, mask);
+    const cv::Mat product = (normalized - normalized_mean[0]).mul(mirrored - normalized_mean[0]);
+    const double correlation = cv::mean(product, mask)[0] /
+                               std::max(1e-6, normalized_deviation[0] * normalized_deviation[0]);
+    out.turn = 0.5 * (1 - std::clamp(correlation, 0.0, 1.0));
   }
   return out;
 }
 
-std::vector<std::string> problems(const Quality& quality, const QualityGate& gate) {
+std::vector<std::string> quality_problems(const Quality& quality, const QualityGate& gate) {
   gate.check();
   std::vector<std::string> out;
   if (quality.eye_distance < gate.min_eye_distance) out.emplace_back("too small");

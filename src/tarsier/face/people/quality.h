@@ -13,7 +13,7 @@
 
 namespace tarsier::face::people {
 
-// Quality of a face for recognition, measured on the crop (cut_face) and its landmarks.
+// Quality of a face for recognition, measured on the crop (crop_face) and its landmarks.
 struct Quality {
   double eye_distance = 0;  // px in the image
   // Share of fine detail in the crop's contrast: RMS of the face minus its blur (sigma 1.5 px of
@@ -64,7 +64,8 @@ struct QualityGate {
 // Reasons not to enrol the face, each once, in a fixed order: "too small", "blurred", "turned
 // away", "tilted up", "tilted down", "too dark", "too bright", "too little contrast",
 // "overexposed", "lit from one side". Empty: good.
-[[nodiscard]] std::vector<std::string> problems(const Quality& quality, const QualityGate& gate);
+[[nodiscard]] std::vector<std::string> quality_problems(const Quality& quality,
+                                                        const QualityGate& gate);
 
 [[nodiscard]] nlohmann::ordered_json quality_json(const Quality& quality);
 

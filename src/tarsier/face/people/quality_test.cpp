@@ -40,37 +40,37 @@ Eigen::Matrix2Xd points(double nose_x, double nose_y) {
   return p;
 }
 
-TEST(QualityTest, AGoodFaceHasNoProblems) {
+TEST(QualityTest, GoodFaceHasNoProblems) {
   const Quality q = measure_quality(pattern(), kEyes, points(85, 60 + 0.67 * 50));
-  EXPECT_THAT(problems(q, {}), IsEmpty());
+  EXPECT_THAT(quality_problems(q, {}), IsEmpty());
   EXPECT_NEAR(q.turn, 0, 1e-9);
   EXPECT_NEAR(q.tilt, 0, 1e-9);
   EXPECT_GT(q.score(), 0.5);
 }
 
-TEST(QualityTest, EachFlawIsNamed) {
+TEST(QualityTest, NamesEachProblem) {
   const QualityGate gate;
   const auto p = points(85, 93.5);
-  const auto named = [&](const cv::Mat& crop, const Eyes& eyes, const Eigen::Matrix2Xd& at) {
-    return problems(measure_quality(crop, eyes, at), gate);
+  const auto problems_of = [&](const cv::Mat& crop, const Eyes& eyes, const Eigen::Matrix2Xd& at) {
+    return quality_problems(measure_quality(crop, eyes, at), gate);
   };
-  EXPECT_THAT(named(pattern(), {{60, 60}, {70, 60}}, {}), Contains("too small"));
+  EXPECT_THAT(problems_of(pattern(), {{60, 60}, {70, 60}}, {}), Contains("too small"));
   cv::Mat blurred;
   cv::GaussianBlur(pattern(), blurred, {}, 8);
-  EXPECT_THAT(named(blurred, kEyes, p), Contains("blurred"));
-  EXPECT_THAT(named(pattern(), kEyes, points(108, 93.5)), Contains("turned away"));
-  EXPECT_THAT(named(pattern(), kEyes, points(85, 70)), Contains("tilted up"));
-  EXPECT_THAT(named(pattern(), kEyes, points(85, 115)), Contains("tilted down"));
-  EXPECT_THAT(named(pattern() * 0.1, kEyes, p), Contains("too dark"));
-  EXPECT_THAT(named(pattern() * 0.1 + 225, kEyes, p), Contains("too bright"));
-  EXPECT_THAT(named(pattern() * 0.05 + 120, kEyes, p), Contains("too little contrast"));
-  EXPECT_THAT(named(pattern() * 3, kEyes, p), Contains("overexposed"));
+  EXPECT_THAT(problems_of(blurred, kEyes, p), Contains("blurred"));
+  EXPECT_THAT(problems_of(pattern(), kEyes, points(108, 93.5)), Contains("turned away"));
+  EXPECT_THAT(problems_of(pattern(), kEyes, points(85, 70)), Contains("tilted up"));
+  EXPECT_THAT(problems_of(pattern(), kEyes, points(85, 115)), Contains("tilted down"));
+  EXPECT_THAT(problems_of(pattern() * 0.1, kEyes, p), Contains("too dark"));
+  EXPECT_THAT(problems_of(pattern() * 0.1 + 225, kEyes, p), Contains("too bright"));
+  EXPECT_THAT(problems_of(pattern() * 0.05 + 120, kEyes, p), Contains("too little contrast"));
+  EXPECT_THAT(problems_of(pattern() * 3, kEyes, p), Contains("overexposed"));
   cv::Mat shaded = pattern();
   shaded.colRange(0, 64) *= 0.1;
-  EXPECT_THAT(named(shaded, kEyes, p), Contains("lit from one side"));
+  EXPECT_THAT(problems_of(shaded, kEyes, p), Contains("lit from one side"));
 }
 
-TEST(QualityTest, WithoutPointsAFaceUnlikeItsMirrorImageIsTurned) {
+TEST(QualityTest, AsymmetryGivesTheTurnWithoutLandmarks) {
   EXPECT_LT(measure_quality(pattern(), kEyes, {}).turn, 0.1);
   cv::Mat other;
   cv::Mat moved = (cv::Mat_<double>(2, 3) << 1, 0, 20, 0, 1, 0);

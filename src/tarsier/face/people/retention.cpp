@@ -6,8 +6,8 @@
 namespace tarsier::face::people {
 namespace {
 
-constexpr std::int64_t kBetween = 3'600'000;  // ms
-constexpr std::int64_t kAtOnce = 500;         // sightings
+constexpr std::int64_t kInterval_ms = 3'600'000;
+constexpr std::int64_t kBatchSize = 500;  // sightings
 
 }  // namespace
 
@@ -18,11 +18,11 @@ SightingRetention::SightingRetention(Gallery& gallery, std::int64_t keep_ms)
 
 std::int64_t SightingRetention::step(std::int64_t now) {
   // A clock that was set back starts a new hour.
-  const bool due = !last_ || now < *last_ || now - *last_ >= kBetween;
-  if (!due && !more_) return 0;
+  const bool due = !last_ || now < *last_ || now - *last_ >= kInterval_ms;
+  if (!due && !has_more_) return 0;
   if (due) last_ = now;
-  const std::int64_t removed = gallery_.forget_sightings_before(now - keep_ms_, kAtOnce);
-  more_ = removed == kAtOnce;
+  const std::int64_t removed = gallery_.forget_sightings_before(now - keep_ms_, kBatchSize);
+  has_more_ = removed == kBatchSize;
   return removed;
 }
 

@@ -22,7 +22,7 @@ class SightingRetention {
   Gallery& gallery_;
   std::int64_t keep_ms_;
   std::optional<std::int64_t> last_;  // time of the last run
-  bool more_ = false;                 // the last run has left some sightings
+  bool has_more_ = false;             // the last run has left some sightings
 };
 
 }  // namespace tarsier::face::people

@@ -19,7 +19,7 @@ StoredFace face() {
 
 constexpr std::int64_t kHour = 3'600'000;
 
-TEST_F(RetentionTest, DeletesForAsLongAsTheProgramRuns) {
+TEST_F(RetentionTest, DeletesOldSightingsEveryHour) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face());
   SightingRetention retention(gallery, 2 * kHour);
@@ -36,7 +36,7 @@ TEST_F(RetentionTest, DeletesForAsLongAsTheProgramRuns) {
   EXPECT_GE(gallery.sighting_count(), 2 * 4);
 }
 
-TEST_F(RetentionTest, SmallBatchesUntilAllOfThemAreGone) {
+TEST_F(RetentionTest, DeletesInSmallBatches) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face());
   {

@@ -14,14 +14,14 @@
 // Groups sightings of unknown faces by person. The groups grow as sightings arrive.
 namespace tarsier::face::people {
 
-inline constexpr double kDeepMerges = 0.005;
-inline constexpr double kClassicMerges = 0.05;
+inline constexpr double kDeepFalseMergeRate = 0.005;
+inline constexpr double kClassicFalseMergeRate = 0.05;
 // For classic templates before a second pass (group_merging.h), which needs pure groups.
-inline constexpr double kFirstPassMerges = 0.005;
+inline constexpr double kFirstPassFalseMergeRate = 0.005;
 
 struct GroupingOptions {
-  // 0: kDeepMerges or kClassicMerges; group_sightings() then makes two passes for many classic
-  // templates.
+  // 0: kDeepFalseMergeRate or kClassicFalseMergeRate; group_sightings() then makes two passes for
+  // many classic templates.
   double false_merges = 0;
 
   [[nodiscard]] OptionFields fields() {
@@ -33,7 +33,7 @@ struct GroupingOptions {
 };
 
 // The group of a new sighting.
-struct Placement {
+struct GroupAssignment {
   std::int64_t group = 0;
   bool is_new = false;
   // Groups that were merged because of this sighting: the first into the second, in this order.
@@ -67,14 +67,14 @@ class SightingGroups {
   // Adds a sighting of an existing group. `quality` 0..1.
   void restore(std::int64_t group, std::span<const float> features, double quality);
   // Two groups that show different people, whatever their score.
-  void keep_apart(std::int64_t a, std::int64_t b);
+  void add_cannot_link(std::int64_t a, std::int64_t b);
   // The id of the next group, greater than all existing ones.
   void set_next(std::int64_t id);
   [[nodiscard]] std::int64_t next() const { return next_; }
 
   // Throws std::invalid_argument for a template of another length or with values that are not
   // finite.
-  Placement add(std::span<const float> features, double quality);
+  GroupAssignment add(std::span<const float> features, double quality);
   // The group that add() would merge it with first; 0: no group is similar enough. Throws as add().
   [[nodiscard]] std::int64_t nearest_group(std::span<const float> features, double quality) const;
 
@@ -87,20 +87,20 @@ class SightingGroups {
   struct Group {
     std::vector<std::int64_t> sum;  // of weight * template, fixed point
     std::int64_t weight = 0;
-    std::int64_t length = 0;   // of weight * |template|, fixed point
+    std::int64_t norm = 0;     // of weight * |template|, fixed point
     std::vector<double> mean;  // derived
-    std::set<std::int64_t> apart;
+    std::set<std::int64_t> cannot_link;
   };
-  void put(Group& group, std::span<const float> features, double quality) const;
-  static void derive(Group& group);
+  void accumulate(Group& group, std::span<const float> features, double quality) const;
+  static void update_mean(Group& group);
   // The common part of all groups, including `more`, which may be null.
-  [[nodiscard]] std::vector<double> common(const Group* more = nullptr) const;
+  [[nodiscard]] std::vector<double> common_mean(const Group* more = nullptr) const;
   [[nodiscard]] double threshold(std::size_t groups) const;
   [[nodiscard]] double score(const Group& a, const Group& b,
-                             const std::vector<double>& common) const;
-  void join(std::int64_t from, std::int64_t into);
+                             const std::vector<double>& common_mean) const;
+  void merge(std::int64_t from, std::int64_t into);
 
-  std::size_t length_;
+  std::size_t template_length_;
   double threshold_;  // for pairs
   double same_camera_;
   double background_weight_;

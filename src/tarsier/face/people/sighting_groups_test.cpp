@@ -36,18 +36,18 @@ const recognition::PairScores& pairs() {
   return scores;
 }
 
-struct Seen {
+struct SyntheticSightings {
   std::vector<std::vector<float>> faces;
   std::vector<int> people;
 };
 
 // People with the background's scatter. Each image differs by `noise` times this scatter.
-Seen seen_people(int people, int images, double noise, std::uint64_t seed) {
+SyntheticSightings synthetic_sightings(int people, int images, double noise, std::uint64_t seed) {
   const Background& general = background();
   const Eigen::Index m = general.basis.rows();
   const Rng rng(seed);
   Rows coordinates(people * images, m + 1);
-  Seen out;
+  SyntheticSightings out;
   for (int k = 0; k < images; ++k) {
     for (int p = 0; p < people; ++p) {
       Rng person = rng.fork(static_cast<std::uint64_t>(p));
@@ -56,7 +56,7 @@ Seen seen_people(int people, int images, double noise, std::uint64_t seed) {
       for (Eigen::Index c = 0; c < m; ++c)
         coordinates(i, c) = static_cast<float>(std::sqrt(general.variance(c)) *
                                                (person.normal() + noise * image.normal()));
-      coordinates(i, m) = static_cast<float>(general.outside);
+      coordinates(i, m) = static_cast<float>(general.residual_variance);
       out.people.push_back(p);
     }
   }
@@ -69,11 +69,11 @@ Seen seen_people(int people, int images, double noise, std::uint64_t seed) {
 // The final group of each sighting.
 class Log {
  public:
-  void note(std::size_t sighting, const Placement& placement) {
-    for (const auto& [from, into] : placement.merged)
+  void note(std::size_t sighting, const GroupAssignment& assignment) {
+    for (const auto& [from, into] : assignment.merged)
       for (auto& [other, group] : of)
         if (group == from) group = into;
-    of[sighting] = placement.group;
+    of[sighting] = assignment.group;
   }
   std::map<std::size_t, std::int64_t> of;
 };
@@ -89,8 +89,8 @@ double purity(const Log& log, const std::vector<int>& people) {
   return right / static_cast<double>(log.of.size());
 }
 
-TEST(SightingGroups, TwentyStrangersInTwoHundredSightings) {
-  const Seen seen = seen_people(20, 10, 0.5, 7);
+TEST(SightingGroups, GroupsSightingsOfTwentyPeople) {
+  const SyntheticSightings seen = synthetic_sightings(20, 10, 0.5, 7);
   SightingGroups groups(pairs(), {});
   Log log;
   for (std::size_t i = 0; i < seen.faces.size(); ++i)
@@ -101,8 +101,8 @@ TEST(SightingGroups, TwentyStrangersInTwoHundredSightings) {
 }
 
 // Strangers who are seen once each. Groups of two are wrong and must be as rare as stated.
-TEST(SightingGroups, StrangersAreMergedNoMoreOftenThanStated) {
-  const Seen seen = seen_people(100, 1, 0.5, 11);
+TEST(SightingGroups, FalseMergeRateIsBelowTheStatedRate) {
+  const SyntheticSightings seen = synthetic_sightings(100, 1, 0.5, 11);
   GroupingOptions options;
   options.false_merges = 0.001;
   SightingGroups groups(pairs(), options);
@@ -113,8 +113,8 @@ TEST(SightingGroups, StrangersAreMergedNoMoreOftenThanStated) {
 
 // One run, and a run with a restart after each sighting: the same groups with the same ids, bit for
 // bit.
-TEST(SightingGroups, RestartsChangeNothing) {
-  const Seen seen = seen_people(8, 6, 0.8, 3);
+TEST(SightingGroups, RestartsDoNotChangeTheGroups) {
+  const SyntheticSightings seen = synthetic_sightings(8, 6, 0.8, 3);
   SightingGroups whole(pairs(), {});
   Log at_once;
   Log with_restarts;
@@ -122,21 +122,21 @@ TEST(SightingGroups, RestartsChangeNothing) {
   for (std::size_t i = 0; i < seen.faces.size(); ++i) {
     const double quality = 0.2 + 0.1 * static_cast<double>(i % 7);
     at_once.note(i, whole.add(seen.faces[i], quality));
-    SightingGroups fresh(pairs(), {});
+    SightingGroups restarted(pairs(), {});
     // Restored in another order.
     for (std::size_t k = i; k-- > 0;)
-      fresh.restore(with_restarts.of[k], seen.faces[k], 0.2 + 0.1 * static_cast<double>(k % 7));
-    fresh.set_next(next);
-    with_restarts.note(i, fresh.add(seen.faces[i], quality));
-    next = fresh.next();
+      restarted.restore(with_restarts.of[k], seen.faces[k], 0.2 + 0.1 * static_cast<double>(k % 7));
+    restarted.set_next(next);
+    with_restarts.note(i, restarted.add(seen.faces[i], quality));
+    next = restarted.next();
     ASSERT_EQ(at_once.of, with_restarts.of) << i;
     ASSERT_EQ(next, whole.next());
-    EXPECT_EQ(whole.threshold(), fresh.threshold());
+    EXPECT_EQ(whole.threshold(), restarted.threshold());
   }
 }
 
-TEST(SightingGroups, KeepsIdsAndGroupsApart) {
-  const Seen seen = seen_people(2, 4, 0.2, 5);
+TEST(SightingGroups, KeepsIdsAndCannotLinkPairs) {
+  const SyntheticSightings seen = synthetic_sightings(2, 4, 0.2, 5);
   SightingGroups groups(pairs(), {});
   EXPECT_EQ(groups.add(seen.faces[0], 1).group, 1);
   EXPECT_EQ(groups.add(seen.faces[1], 1).group, 2);
@@ -147,16 +147,16 @@ TEST(SightingGroups, KeepsIdsAndGroupsApart) {
   SightingGroups corrected(pairs(), {});
   corrected.restore(1, seen.faces[0], 1);
   corrected.restore(2, seen.faces[2], 1);
-  corrected.keep_apart(1, 2);
+  corrected.add_cannot_link(1, 2);
   EXPECT_GE(corrected.score(1, 2), corrected.threshold());
-  const Placement placement = corrected.add(seen.faces[4], 1);
-  EXPECT_TRUE(placement.merged.empty());
+  const GroupAssignment assignment = corrected.add(seen.faces[4], 1);
+  EXPECT_TRUE(assignment.merged.empty());
   EXPECT_EQ(corrected.size(), 2U);
   // Without that correction, the sighting shows that both groups are one person.
   SightingGroups free(pairs(), {});
   free.restore(4, seen.faces[0], 1);
   free.restore(9, seen.faces[2], 1);
-  const Placement joined = free.add(seen.faces[4], 1);
+  const GroupAssignment joined = free.add(seen.faces[4], 1);
   EXPECT_EQ(joined.group, 4);
   ASSERT_EQ(joined.merged.size(), 1U);
   EXPECT_EQ(joined.merged.front(), std::pair(std::int64_t{9}, std::int64_t{4}));
@@ -164,8 +164,8 @@ TEST(SightingGroups, KeepsIdsAndGroupsApart) {
 }
 
 // A sharp face moves the group's mean more than a blurred one.
-TEST(SightingGroups, QualityWeighs) {
-  const Seen seen = seen_people(2, 2, 0.8, 5);
+TEST(SightingGroups, QualityWeightsTheMean) {
+  const SyntheticSightings seen = synthetic_sightings(2, 2, 0.8, 5);
   SightingGroups sharp(pairs(), {});
   SightingGroups blurred(pairs(), {});
   for (SightingGroups* groups : {&sharp, &blurred}) {
@@ -176,8 +176,8 @@ TEST(SightingGroups, QualityWeighs) {
   EXPECT_LT(sharp.score(1, 2), blurred.score(1, 2));
 }
 
-TEST(SightingGroups, RefusesWhatCannotBeCompared) {
-  const Seen seen = seen_people(1, 1, 0.2, 5);
+TEST(SightingGroups, RejectsInvalidTemplates) {
+  const SyntheticSightings seen = synthetic_sightings(1, 1, 0.2, 5);
   SightingGroups groups(pairs(), {});
   EXPECT_THROW((void)groups.add(std::vector<float>(3), 1), std::invalid_argument);
   std::vector<float> broken = seen.faces[0];
@@ -200,24 +200,24 @@ TEST(SightingGroups, RefusesWhatCannotBeCompared) {
 }
 
 // nearest_group() returns the group of a face without adding the face.
-TEST(SightingGroups, TheMostAlikeGroupIsTheOneThatAddTakes) {
-  const Seen seen = seen_people(8, 6, 0.35, 11);
+TEST(SightingGroups, NearestGroupAgreesWithAdd) {
+  const SyntheticSightings seen = synthetic_sightings(8, 6, 0.35, 11);
   SightingGroups groups(pairs(), {});
   EXPECT_EQ(groups.nearest_group(seen.faces[0], 1), 0);
-  int asked = 0;
+  int compared = 0;
   for (std::size_t i = 0; i < seen.faces.size(); ++i) {
-    const std::int64_t alike = groups.nearest_group(seen.faces[i], 0.8);
+    const std::int64_t nearest = groups.nearest_group(seen.faces[i], 0.8);
     const std::size_t before = groups.size();
     SightingGroups copy = groups;
-    const Placement placement = groups.add(seen.faces[i], 0.8);
-    EXPECT_EQ(alike == 0, placement.is_new) << i;
-    if (alike != 0 && placement.merged.empty()) {
-      EXPECT_EQ(alike, placement.group) << i;
-      ++asked;
+    const GroupAssignment assignment = groups.add(seen.faces[i], 0.8);
+    EXPECT_EQ(nearest == 0, assignment.is_new) << i;
+    if (nearest != 0 && assignment.merged.empty()) {
+      EXPECT_EQ(nearest, assignment.group) << i;
+      ++compared;
     }
     EXPECT_EQ(copy.size(), before);
   }
-  EXPECT_GT(asked, 20);
+  EXPECT_GT(compared, 20);
   EXPECT_THROW((void)groups.nearest_group(std::vector<float>(3, 0.F), 1), std::invalid_argument);
 }
 

@@ -26,7 +26,7 @@ std::optional<Rows> stored_rows(Gallery& gallery, std::int64_t space,
                                 const std::vector<FaceRef>& refs, Eigen::Index length,
                                 const std::map<std::int64_t, std::vector<float>>& own) {
   Rows rows(static_cast<Eigen::Index>(refs.size()), length);
-  std::vector<bool> there(refs.size(), false);
+  std::vector<bool> present(refs.size(), false);
   bool fits = true;
   const auto put = [&](std::int64_t face, std::span<const float> numbers) {
     const auto ref = std::lower_bound(refs.begin(), refs.end(), face,
@@ -36,11 +36,12 @@ std::optional<Rows> stored_rows(Gallery& gallery, std::int64_t space,
     if (!fits) return;
     const auto i = ref - refs.begin();
     rows.row(i) = Eigen::Map<const Eigen::RowVectorXf>(numbers.data(), length);
-    there[static_cast<std::size_t>(i)] = true;
+    present[static_cast<std::size_t>(i)] = true;
   };
   gallery.each_template(space, put);
   for (const auto& [face, numbers] : own) put(face, numbers);
-  if (!fits || std::find(there.begin(), there.end(), false) != there.end()) return std::nullopt;
+  if (!fits || std::find(present.begin(), present.end(), false) != present.end())
+    return std::nullopt;
   return rows;
 }
 
@@ -88,7 +89,7 @@ bool uses_coordinates(Algorithm algorithm, const Background* background, std::in
     return true;
   }
   return !deep && algorithm == Algorithm::kDefault && has_directions(background) &&
-         faces > kLearnedWhole;
+         faces > kMaxSmallGalleryFaces;
 }
 
 std::int64_t space_of(const Background& background) {
@@ -108,7 +109,7 @@ const std::string& name_of_person(const std::unordered_map<std::int64_t, std::st
   return found->second;
 }
 
-void put_people(GalleryModel& model, const std::vector<FaceRef>& refs,
+void set_people(GalleryModel& model, const std::vector<FaceRef>& refs,
                 const std::unordered_map<std::int64_t, std::string>& names,
                 const std::string& path) {
   std::unordered_map<std::int64_t, int> index;
@@ -117,8 +118,8 @@ void put_people(GalleryModel& model, const std::vector<FaceRef>& refs,
   model.recognizer.labels.clear();
   model.recognizer.people.clear();
   for (const FaceRef& ref : refs) {
-    const auto [entry, fresh] = index.try_emplace(ref.person, static_cast<int>(index.size()));
-    if (fresh) {
+    const auto [entry, inserted] = index.try_emplace(ref.person, static_cast<int>(index.size()));
+    if (inserted) {
       model.recognizer.labels.push_back(name_of_person(names, ref.person, path));
       model.people.push_back(ref.person);
     }
@@ -127,7 +128,7 @@ void put_people(GalleryModel& model, const std::vector<FaceRef>& refs,
   }
 }
 
-void put_negatives(GalleryModel& model, Gallery& gallery) {
+void set_negatives(GalleryModel& model, Gallery& gallery) {
   Recognizer& recognizer = model.recognizer;
   std::map<std::int64_t, std::vector<float>> templates;
   std::vector<std::vector<float>*> rows;
@@ -175,8 +176,8 @@ std::optional<GalleryModel> stored_model(Gallery& gallery, const Background* bac
     if (!rows) return std::nullopt;
     model.recognizer.templates = std::move(*rows);
   }
-  put_people(model, refs, names_of(gallery), gallery.path());
-  put_negatives(model, gallery);
+  set_people(model, refs, names_of(gallery), gallery.path());
+  set_negatives(model, gallery);
   try {
     model.recognizer.check();
   } catch (const std::invalid_argument&) {
@@ -195,11 +196,11 @@ std::optional<GalleryModel> indexed_model(Gallery& gallery, const Background* ba
   if (!subspace) return std::nullopt;
   GalleryModel model;
   model.recognizer = std::move(*subspace);
-  std::string trouble;
-  model.index = GalleryIndex::open(gallery, *background, *stored, model.recognizer, trouble);
-  if (!trouble.empty()) log_warning("{}", trouble);
+  std::string unused_reason;
+  model.index = GalleryIndex::open(gallery, *background, *stored, model.recognizer, unused_reason);
+  if (!unused_reason.empty()) log_warning("{}", unused_reason);
   if (!model.index) return std::nullopt;
-  if (index_is_behind(model.index->newer()))
+  if (index_is_outdated(model.index->newer()))
     log_info("{}: {} faces are newer than the index: `people index` makes the search faster",
              gallery.path(), model.index->newer());
   model.id = stored->id;

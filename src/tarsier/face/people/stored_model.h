@@ -37,13 +37,13 @@ namespace tarsier::face::people {
     const std::string& path);
 
 // Sets the people of the faces, in the order of their first face.
-void put_people(GalleryModel& model, const std::vector<FaceRef>& refs,
+void set_people(GalleryModel& model, const std::vector<FaceRef>& refs,
                 const std::unordered_map<std::int64_t, std::string>& names,
                 const std::string& path);
 
 // Sets the negatives of the recogniser. Their templates depend on the model: they are computed
 // here, once for each model. There are few, because each is a manual correction.
-void put_negatives(GalleryModel& model, Gallery& gallery);
+void set_negatives(GalleryModel& model, Gallery& gallery);
 
 // Builds the model without training and without computing templates. `own`: templates that are not
 // stored, by face. Empty if the stored data are inconsistent.

@@ -30,19 +30,19 @@ using Eigen::Matrix2Xd;
 using Eigen::Vector2d;
 
 // Min share of the finished images in which the face detector must find the annotated object.
-constexpr double kBoxesNeeded = 0.6;
+constexpr double kMinBoxShare = 0.6;
 // Max share of a sample's points that may be filled in.
-constexpr double kMaxMissing = 0.25;
+constexpr double kMaxMissingShare = 0.25;
 constexpr int kFitStarts = 6;  // the result is their median
 
 // Centre and size of a shape relative to a detector's box, in widths of the box.
-struct InBox {
+struct BoxOffset {
   double dx = 0;
   double dy = 0;
   double size = 0;
 };
 
-InBox in_box(const Matrix2Xd& points, const cv::Rect& box) {
+BoxOffset box_offset(const Matrix2Xd& points, const cv::Rect& box) {
   const Vector2d center = points.rowwise().mean();
   const double width = box.width;
   return {(center.x() - box.x - 0.5 * (box.width - 1)) / width,
@@ -50,7 +50,7 @@ InBox in_box(const Matrix2Xd& points, const cv::Rect& box) {
           landmarks::shape_size(points) / width};
 }
 
-bool holds(const cv::Rect& box, const Matrix2Xd& points) {
+bool box_contains_shape(const cv::Rect& box, const Matrix2Xd& points) {
   const Vector2d center = points.rowwise().mean();
   const double size = landmarks::shape_size(points);
   return box.contains({cvRound(center.x()), cvRound(center.y())}) && box.width < 8 * size &&
@@ -58,20 +58,21 @@ bool holds(const cv::Rect& box, const Matrix2Xd& points) {
 }
 
 // Places the (centred) mean by a similarity, with this centre, size and angle.
-Matrix2Xd placed(const Matrix2Xd& mean, const Vector2d& center, double size, double angle) {
+Matrix2Xd place_mean_shape(const Matrix2Xd& mean, const Vector2d& center, double size,
+                           double angle) {
   const shape::Similarity2d place{size * std::cos(angle), size * std::sin(angle), center.x(),
                                   center.y()};
   return place(mean);
 }
 
 // Errors of the starts in training; as large as those in use.
-struct Spread {
+struct StartNoise {
   double shift = 0.12;  // sizes
   double scale = 0.08;  // log
   double angle = 0.08;  // radians
 };
 
-bool same(const shape::LandmarkSet& a, const shape::LandmarkSet& b) {
+bool same_samples(const shape::LandmarkSet& a, const shape::LandmarkSet& b) {
   if (a.samples.size() != b.samples.size()) return false;
   for (std::size_t k = 0; k < a.samples.size(); ++k) {
     const Matrix2Xd& p = a.samples[k].points;
@@ -96,8 +97,8 @@ struct Annotator::Impl {
   bool is_trained = false;
   std::vector<landmarks::TrainingFace> faces;
   landmarks::Descent descent;
-  std::optional<InBox> box_model;
-  Spread spread;
+  std::optional<BoxOffset> box_offset_model;
+  StartNoise start_noise;
 
   explicit Impl(const AnnotatorOptions& given) : options(given) {
     options.check();
@@ -111,22 +112,23 @@ struct Annotator::Impl {
 
   // The newest samples of the set that can be trained on. If few points of a sample are missing,
   // they are filled in.
-  [[nodiscard]] shape::LandmarkSet usable(const shape::LandmarkSet& so_far) const {
+  [[nodiscard]] shape::LandmarkSet training_samples(const shape::LandmarkSet& annotated) const {
     shape::LandmarkSet result;
-    const Matrix2Xd* whole = nullptr;
-    for (const shape::LandmarkSample& sample : so_far.samples)
-      if (sample.is_complete() && landmarks::shape_size(sample.points) > 2) whole = &sample.points;
-    if (whole == nullptr) return result;
-    for (auto sample = so_far.samples.rbegin(); sample != so_far.samples.rend(); ++sample) {
+    const Matrix2Xd* complete = nullptr;
+    for (const shape::LandmarkSample& sample : annotated.samples)
+      if (sample.is_complete() && landmarks::shape_size(sample.points) > 2)
+        complete = &sample.points;
+    if (complete == nullptr) return result;
+    for (auto sample = annotated.samples.rbegin(); sample != annotated.samples.rend(); ++sample) {
       if (static_cast<int>(result.samples.size()) >= options.max_faces) break;
       shape::LandmarkSample filled = *sample;
       int missing = 0;
       for (int i = 0; i < static_cast<int>(filled.points.cols()); ++i)
         missing += filled.is_missing(i) ? 1 : 0;
       const auto count = static_cast<int>(filled.points.cols());
-      if (missing > kMaxMissing * count || count - missing < 2) continue;
+      if (missing > kMaxMissingShare * count || count - missing < 2) continue;
       if (missing > 0) {
-        const Matrix2Xd guess = shape::fit_similarity(*whole, filled.points)(*whole);
+        const Matrix2Xd guess = shape::fit_similarity(*complete, filled.points)(*complete);
         for (int i = 0; i < count; ++i)
           if (filled.is_missing(i)) filled.points.col(i) = guess.col(i);
       }
@@ -145,7 +147,7 @@ struct Annotator::Impl {
     load.largest = 300;
     faces = landmarks::load_training_faces(set, "", load, quiet, {}, skipped);
     if (static_cast<int>(faces.size()) < options.min_faces) return;
-    learn_boxes(set);
+    learn_box_offset(set);
 
     std::vector<landmarks::Start> starts;
     const Rng rng(options.seed);
@@ -157,10 +159,12 @@ struct Annotator::Impl {
       const Vector2d center = shapes[f].rowwise().mean();
       const double size = landmarks::shape_size(shapes[f]);
       for (int k = 0; k < options.starts; ++k) {
-        const Vector2d at = center + spread.shift * size * Vector2d(own.normal(), own.normal());
+        const Vector2d at =
+            center + start_noise.shift * size * Vector2d(own.normal(), own.normal());
         starts.push_back(
-            {static_cast<int>(f), placed(mean, at, size * std::exp(spread.scale * own.normal()),
-                                         spread.angle * own.normal())});
+            {static_cast<int>(f),
+             place_mean_shape(mean, at, size * std::exp(start_noise.scale * own.normal()),
+                              start_noise.angle * own.normal())});
       }
     }
     landmarks::DescentOptions how;
@@ -182,9 +186,9 @@ struct Annotator::Impl {
     return boxes[path] = detector->detect(read_gray_image(path));
   }
 
-  void learn_boxes(const shape::LandmarkSet& set) {
-    box_model.reset();
-    spread = {};
+  void learn_box_offset(const shape::LandmarkSet& set) {
+    box_offset_model.reset();
+    start_noise = {};
     if (!detector) return;
     std::vector<double> dx;
     std::vector<double> dy;
@@ -192,55 +196,59 @@ struct Annotator::Impl {
     for (const shape::LandmarkSample& sample : set.samples) {
       try {
         for (const cv::Rect& box : boxes_of(sample.image)) {
-          if (!holds(box, sample.points)) continue;
-          const InBox where = in_box(sample.points, box);
-          dx.push_back(where.dx);
-          dy.push_back(where.dy);
-          size.push_back(where.size);
+          if (!box_contains_shape(box, sample.points)) continue;
+          const BoxOffset offset = box_offset(sample.points, box);
+          dx.push_back(offset.dx);
+          dy.push_back(offset.dy);
+          size.push_back(offset.size);
           break;
         }
       } catch (const InputError&) {  // load_training_faces() skips it, too
       }
     }
-    if (static_cast<double>(dx.size()) < kBoxesNeeded * static_cast<double>(set.samples.size()))
+    if (static_cast<double>(dx.size()) < kMinBoxShare * static_cast<double>(set.samples.size()))
       return;
-    box_model = InBox{upper_median(dx), upper_median(dy), upper_median(size)};
+    box_offset_model = BoxOffset{upper_median(dx), upper_median(dy), upper_median(size)};
     double shift = 0;
     double scale = 0;
     for (std::size_t k = 0; k < dx.size(); ++k) {
-      shift += (std::pow(dx[k] - box_model->dx, 2) + std::pow(dy[k] - box_model->dy, 2)) / 2;
-      scale += std::pow(std::log(size[k] / box_model->size), 2);
+      shift +=
+          (std::pow(dx[k] - box_offset_model->dx, 2) + std::pow(dy[k] - box_offset_model->dy, 2)) /
+          2;
+      scale += std::pow(std::log(size[k] / box_offset_model->size), 2);
     }
     const double count = std::max(1.0, static_cast<double>(dx.size()) - 1);
-    spread.shift = std::clamp(1.3 * std::sqrt(shift / count) / box_model->size, 0.05, 0.2);
-    spread.scale = std::clamp(1.3 * std::sqrt(scale / count), 0.05, 0.15);
+    start_noise.shift =
+        std::clamp(1.3 * std::sqrt(shift / count) / box_offset_model->size, 0.05, 0.2);
+    start_noise.scale = std::clamp(1.3 * std::sqrt(scale / count), 0.05, 0.15);
   }
 
   // Initial shape: the mean shape at the object's position.
   [[nodiscard]] std::optional<Matrix2Xd> start(const ProposalRequest& request) {
-    if (box_model && detector) {
+    if (box_offset_model && detector) {
       const std::vector<cv::Rect> found = detector->detect(request.gray);
       if (!found.empty()) {
         const cv::Rect& box = found.front();
         const Vector2d middle(box.x + 0.5 * (box.width - 1), box.y + 0.5 * (box.height - 1));
-        return placed(descent.mean, middle + Vector2d(box_model->dx, box_model->dy) * box.width,
-                      box_model->size * box.width, 0);
+        return place_mean_shape(
+            descent.mean, middle + Vector2d(box_offset_model->dx, box_offset_model->dy) * box.width,
+            box_offset_model->size * box.width, 0);
       }
     }
-    return proposals::best_place(
+    return proposals::match_mean_image(
         faces, descent.mean, request.gray,
-        request.so_far.samples[static_cast<std::size_t>(request.nearest)].points);
+        request.annotated.samples[static_cast<std::size_t>(request.nearest)].points);
   }
 
   // Transfers the points of one face to another by the detector's boxes and by comparing the
   // images.
-  [[nodiscard]] std::optional<Matrix2Xd> by_boxes(const shape::LandmarkSample& near,
-                                                  const cv::Mat& gray) {
+  [[nodiscard]] std::optional<Matrix2Xd> transfer_by_boxes(const shape::LandmarkSample& near,
+                                                           const cv::Mat& gray) {
     if (!detector || landmarks::shape_size(near.points) < 2) return std::nullopt;
-    const std::vector<cv::Rect> there = detector->detect(gray);
+    const std::vector<cv::Rect> target_boxes = detector->detect(gray);
     for (const cv::Rect& from : boxes_of(near.image)) {
-      if (there.empty() || !holds(from, near.points)) continue;
-      const cv::Rect& to = there.front();
+      if (target_boxes.empty() || !box_contains_shape(from, near.points)) continue;
+      const cv::Rect& to = target_boxes.front();
       const double scale = static_cast<double>(to.width) / from.width;
       Matrix2Xd points = near.points * scale;
       points.row(0).array() += to.x - scale * from.x;
@@ -266,15 +274,17 @@ struct Annotator::Impl {
       Rng rng(options.seed);
       std::vector<Matrix2Xd> fits;
       for (int k = 0; k < kFitStarts; ++k) {
-        const double off = k == 0 ? 0 : 0.5;
-        const double size = place.scale() * std::exp(off * spread.scale * rng.normal());
-        const double angle = place.angle() + off * spread.angle * rng.normal();
+        const double noise_scale = k == 0 ? 0 : 0.5;
+        const double size =
+            place.scale() * std::exp(noise_scale * start_noise.scale * rng.normal());
+        const double angle = place.angle() + noise_scale * start_noise.angle * rng.normal();
         const double down = rng.normal();
         const double across = rng.normal();
-        const Vector2d at = Vector2d(place.tx, place.ty) +
-                            off * spread.shift * place.scale() * Vector2d(across, down);
-        fits.push_back(landmarks::fit_descent(descent, request.gray,
-                                              placed(descent.mean, at, size, angle), workspace));
+        const Vector2d at = Vector2d(place.tx, place.ty) + noise_scale * start_noise.shift *
+                                                               place.scale() *
+                                                               Vector2d(across, down);
+        fits.push_back(landmarks::fit_descent(
+            descent, request.gray, place_mean_shape(descent.mean, at, size, angle), workspace));
       }
       for (Eigen::Index i = 0; i < result.size(); ++i) {
         std::vector<double> values;
@@ -294,15 +304,15 @@ Annotator& Annotator::operator=(Annotator&&) noexcept = default;
 
 std::optional<Proposal> Annotator::propose(const ProposalRequest& request) {
   TARSIER_REQUIRE(request.gray.type() == CV_8UC1 && !request.gray.empty(), "a grey image");
-  request.so_far.check();
-  if (request.so_far.samples.empty() || request.so_far.points() == 0) return std::nullopt;
+  request.annotated.check();
+  if (request.annotated.samples.empty() || request.annotated.points() == 0) return std::nullopt;
   TARSIER_REQUIRE(
-      request.nearest >= 0 && request.nearest < static_cast<int>(request.so_far.samples.size()),
+      request.nearest >= 0 && request.nearest < static_cast<int>(request.annotated.samples.size()),
       "nearest {}", request.nearest);
-  const shape::LandmarkSet set = impl_->usable(request.so_far);
+  const shape::LandmarkSet set = impl_->training_samples(request.annotated);
   std::optional<Matrix2Xd> result;
   if (static_cast<int>(set.samples.size()) >= impl_->options.min_faces && set.points() >= 3) {
-    if (!same(set, impl_->trained_for)) {
+    if (!same_samples(set, impl_->trained_for)) {
       impl_->trained_for = set;
       try {
         impl_->train(set);
@@ -312,18 +322,18 @@ std::optional<Proposal> Annotator::propose(const ProposalRequest& request) {
     }
     if (impl_->is_trained) result = impl_->fit(request);
   }
-  const bool learned = result.has_value();
+  const bool from_model = result.has_value();
   if (!result) {
     const shape::LandmarkSample& near =
-        request.so_far.samples[static_cast<std::size_t>(request.nearest)];
+        request.annotated.samples[static_cast<std::size_t>(request.nearest)];
     try {
-      result = proposals::moved_along(read_gray_image(near.image), near.points, request.gray);
-      if (!result && near.is_complete()) result = impl_->by_boxes(near, request.gray);
+      result = proposals::transfer_by_flow(read_gray_image(near.image), near.points, request.gray);
+      if (!result && near.is_complete()) result = impl_->transfer_by_boxes(near, request.gray);
     } catch (const InputError&) {  // the image no longer exists
     }
   }
   if (!result || !result->allFinite()) return std::nullopt;
-  return Proposal{*std::move(result), learned};
+  return Proposal{*std::move(result), from_model};
 }
 
 nlohmann::ordered_json to_json(const Proposal& proposal) {
@@ -331,7 +341,7 @@ nlohmann::ordered_json to_json(const Proposal& proposal) {
   nlohmann::ordered_json points = nlohmann::ordered_json::array();
   for (Eigen::Index i = 0; i < proposal.points.cols(); ++i)
     points.push_back({hundredth(proposal.points(0, i)), hundredth(proposal.points(1, i))});
-  return {{"points", std::move(points)}, {"learned", proposal.learned}};
+  return {{"points", std::move(points)}, {"learned", proposal.from_model}};
 }
 
 }  // namespace tarsier::face

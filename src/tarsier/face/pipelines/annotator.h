@@ -19,8 +19,8 @@ namespace tarsier::face {
 struct ProposalRequest {
   cv::Mat gray;  // the image, CV_8UC1
   // The images annotated so far. Their paths are relative to the current folder.
-  shape::LandmarkSet so_far;
-  // Index into so_far.samples: the finished image that was taken nearest to this one.
+  shape::LandmarkSet annotated;
+  // Index into annotated.samples: the finished image that was taken nearest to this one.
   int nearest = 0;
 };
 
@@ -28,7 +28,7 @@ struct ProposalRequest {
 struct Proposal {
   Eigen::Matrix2Xd points;  // 2 x n, px, all finite
   // True: by a model trained on the finished images. False: moved from the nearest one of them.
-  bool learned = false;
+  bool from_model = false;
 };
 
 // {"points": [[x, y] ..], "learned"}; coordinates are rounded to 0.01 px.

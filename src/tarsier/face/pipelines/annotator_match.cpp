@@ -23,16 +23,16 @@ cv::Mat matrix_of(const shape::Similarity2d& s) {
 
 // An image in the frame of its shape. The mean shape is upright, its size is `px` pixels, and the
 // window extends `half` pixels from its centre.
-struct InFrame {
+struct ShapeFramePatch {
   cv::Mat gray;
   Matrix2Xd points;
   shape::Similarity2d frame_from_image;
 };
 
-InFrame in_frame(const cv::Mat& gray, const Matrix2Xd& points, const Matrix2Xd& mean, double px,
-                 int half) {
+ShapeFramePatch warp_to_shape_frame(const cv::Mat& gray, const Matrix2Xd& points,
+                                    const Matrix2Xd& mean, double px, int half) {
   const shape::Similarity2d place{px, 0, static_cast<double>(half), static_cast<double>(half)};
-  InFrame result;
+  ShapeFramePatch result;
   result.frame_from_image = place * shape::fit_similarity(points, mean);
   const double shrink = result.frame_from_image.scale();
   cv::Mat blurred;  // never `gray` itself: its pixels belong to the caller
@@ -73,9 +73,9 @@ Matrix2Xd centred_mean(const std::vector<landmarks::TrainingFace>& faces) {
 
 }  // namespace
 
-std::optional<Matrix2Xd> moved_along(const cv::Mat& from, const Matrix2Xd& points,
-                                     const cv::Mat& to) {
-  constexpr double kThereAndBack = 1.5;  // px
+std::optional<Matrix2Xd> transfer_by_flow(const cv::Mat& from, const Matrix2Xd& points,
+                                          const cv::Mat& to) {
+  constexpr double kMaxRoundTripError_px = 1.5;
   std::vector<cv::Point2f> start;
   std::vector<int> index;
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
@@ -85,67 +85,70 @@ std::optional<Matrix2Xd> moved_along(const cv::Mat& from, const Matrix2Xd& point
   }
   if (start.empty()) return std::nullopt;
   const cv::Size side(21, 21);
-  const cv::TermCriteria enough(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 30, 0.01);
+  const cv::TermCriteria criteria(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 30, 0.01);
   std::vector<cv::Point2f> end;
   std::vector<cv::Point2f> back;
-  std::vector<std::uint8_t> there;
-  std::vector<std::uint8_t> here;
+  std::vector<std::uint8_t> forward_status;
+  std::vector<std::uint8_t> backward_status;
   std::vector<float> error;
-  lazy_opencv::optical_flow_pyr_lk(from, to, start, end, there, error, side, 4, enough);
-  lazy_opencv::optical_flow_pyr_lk(to, from, end, back, here, error, side, 4, enough);
-  Matrix2Xd seen = Matrix2Xd::Constant(2, points.cols(), std::nan(""));
-  int found = 0;
+  lazy_opencv::optical_flow_pyr_lk(from, to, start, end, forward_status, error, side, 4, criteria);
+  lazy_opencv::optical_flow_pyr_lk(to, from, end, back, backward_status, error, side, 4, criteria);
+  Matrix2Xd tracked = Matrix2Xd::Constant(2, points.cols(), std::nan(""));
+  int tracked_count = 0;
   for (std::size_t k = 0; k < start.size(); ++k) {
-    if (there[k] == 0 || here[k] == 0 || cv::norm(back[k] - start[k]) > kThereAndBack) continue;
-    seen.col(index[k]) << static_cast<double>(end[k].x), static_cast<double>(end[k].y);
-    ++found;
+    if (forward_status[k] == 0 || backward_status[k] == 0 ||
+        cv::norm(back[k] - start[k]) > kMaxRoundTripError_px)
+      continue;
+    tracked.col(index[k]) << static_cast<double>(end[k].x), static_cast<double>(end[k].y);
+    ++tracked_count;
   }
   // The images show different things: the flow is not reliable.
-  if (found < std::max<int>(1, static_cast<int>(start.size()) / 2)) return std::nullopt;
-  if (found < 3) {
+  if (tracked_count < std::max<int>(1, static_cast<int>(start.size()) / 2)) return std::nullopt;
+  if (tracked_count < 3) {
     // One or two points determine only a shift.
     Vector2d shift = Vector2d::Zero();
     for (Eigen::Index i = 0; i < points.cols(); ++i)
-      if (!seen.col(i).hasNaN()) shift += (seen.col(i) - points.col(i)) / found;
+      if (!tracked.col(i).hasNaN()) shift += (tracked.col(i) - points.col(i)) / tracked_count;
     Matrix2Xd result = points.colwise() + shift;
     for (Eigen::Index i = 0; i < points.cols(); ++i)
-      if (!seen.col(i).hasNaN()) result.col(i) = seen.col(i);
+      if (!tracked.col(i).hasNaN()) result.col(i) = tracked.col(i);
     return result;
   }
   // Reweighted fits exclude points that moved differently from the others.
   Eigen::VectorXd weights = Eigen::VectorXd::Ones(points.cols());
   shape::Similarity2d motion;
   for (int round = 0; round < 6; ++round) {
-    motion = shape::fit_similarity(points, seen, weights);
-    const Matrix2Xd off = motion(points) - seen;
+    motion = shape::fit_similarity(points, tracked, weights);
+    const Matrix2Xd residuals = motion(points) - tracked;
     std::vector<double> lengths;
     for (Eigen::Index i = 0; i < points.cols(); ++i)
-      if (!off.col(i).hasNaN()) lengths.push_back(off.col(i).norm());
+      if (!residuals.col(i).hasNaN()) lengths.push_back(residuals.col(i).norm());
     const double spread = std::max(1.0, 1.5 * upper_median(lengths));
     for (Eigen::Index i = 0; i < points.cols(); ++i)
-      weights[i] = off.col(i).hasNaN() ? 0 : 1 / (1 + std::pow(off.col(i).norm() / spread, 2));
+      weights[i] =
+          residuals.col(i).hasNaN() ? 0 : 1 / (1 + std::pow(residuals.col(i).norm() / spread, 2));
   }
   Matrix2Xd result = motion(points);
   for (Eigen::Index i = 0; i < points.cols(); ++i)
-    if (!seen.col(i).hasNaN() && weights[i] > 0.05) result.col(i) = seen.col(i);
+    if (!tracked.col(i).hasNaN() && weights[i] > 0.05) result.col(i) = tracked.col(i);
   return result;
 }
 
-std::optional<Matrix2Xd> best_place(const std::vector<landmarks::TrainingFace>& faces,
-                                    const Matrix2Xd& mean, const cv::Mat& gray,
-                                    const Matrix2Xd& last) {
+std::optional<Matrix2Xd> match_mean_image(const std::vector<landmarks::TrainingFace>& faces,
+                                          const Matrix2Xd& mean, const cv::Mat& gray,
+                                          const Matrix2Xd& last) {
   if (faces.empty()) return std::nullopt;
-  constexpr double kPx = 14;        // px of the template per size of the mean: coarse
-  constexpr double kMargin = 0.25;  // sizes around the mean
+  constexpr double kTemplateSize_px = 14;  // px of the template per size of the mean: coarse
+  constexpr double kMargin = 0.25;         // sizes around the mean
   const double reach = mean.cwiseAbs().maxCoeff() + kMargin;
-  const int half = static_cast<int>(std::ceil(reach * kPx));
+  const int half = static_cast<int>(std::ceil(reach * kTemplateSize_px));
   cv::Mat sum;
   for (const landmarks::TrainingFace& face : faces) {
-    cv::Mat one = in_frame(face.gray, face.points, mean, kPx, half).gray;
-    cv::Scalar middle;
+    cv::Mat one = warp_to_shape_frame(face.gray, face.points, mean, kTemplateSize_px, half).gray;
+    cv::Scalar mean_level;
     cv::Scalar deviation;
-    cv::meanStdDev(one, middle, deviation);
-    one = (one - middle[0]) / std::max(1.0, deviation[0]);
+    cv::meanStdDev(one, mean_level, deviation);
+    one = (one - mean_level[0]) / std::max(1.0, deviation[0]);
     if (sum.empty()) {
       sum = one;
     } else {
@@ -162,12 +165,12 @@ std::optional<Matrix2Xd> best_place(const std::vector<landmarks::TrainingFace>& 
     known.rightCols(1) = last.col(i);
   }
   sizes.push_back(upper_median(sizes));
-  const double least = *std::min_element(sizes.begin(), sizes.end()) / 1.15;
-  const double most = *std::max_element(sizes.begin(), sizes.end()) * 1.15;
+  const double min_size = *std::min_element(sizes.begin(), sizes.end()) / 1.15;
+  const double max_size = *std::max_element(sizes.begin(), sizes.end()) * 1.15;
   double best = -2;
   std::optional<Matrix2Xd> result;
-  for (double size = least; size <= most * 1.0001; size *= 1.08) {
-    const double scale = kPx / size;
+  for (double size = min_size; size <= max_size * 1.0001; size *= 1.08) {
+    const double scale = kTemplateSize_px / size;
     cv::Mat small;
     cv::resize(gray, small, {}, scale, scale, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
     // The object may be half outside the image.
@@ -193,37 +196,39 @@ std::optional<Matrix2Xd> best_place(const std::vector<landmarks::TrainingFace>& 
 Matrix2Xd refine(const std::vector<landmarks::TrainingFace>& faces, const cv::Mat& gray,
                  const Matrix2Xd& points) {
   if (faces.empty() || landmarks::shape_size(points) < 2) return points;
-  constexpr double kReach = 0.10;    // sizes, max displacement of a point
-  constexpr double kWindow = 0.22;   // sizes, half a window
-  constexpr std::size_t kAlike = 5;  // number of most similar faces used
-  constexpr double kTrust = 0.06;    // sizes; a displacement costs (move / kTrust)^2 / 2 * kSharp
-  constexpr double kSharp = 0.12;    // correlation that a displacement of sqrt(2) kTrust costs
+  constexpr double kMaxDisplacement = 0.10;    // sizes, max displacement of a point
+  constexpr double kWindow = 0.22;             // sizes, half a window
+  constexpr std::size_t kMaxSimilarFaces = 5;  // number of most similar faces used
+  // A displacement costs (move / kDisplacementScale)^2 / 2 * kDisplacementCost of correlation.
+  constexpr double kDisplacementScale = 0.06;  // sizes
+  constexpr double kDisplacementCost = 0.12;   // of sqrt(2) kDisplacementScale
   std::vector<double> sizes;
   for (const landmarks::TrainingFace& face : faces)
     sizes.push_back(landmarks::shape_size(face.points));
   const double px =
       std::clamp(std::min(upper_median(sizes), landmarks::shape_size(points)), 12.0, 60.0);
   const Matrix2Xd mean = centred_mean(faces);
-  const double extent = mean.cwiseAbs().maxCoeff() + kWindow + kReach + 0.6;
+  const double extent = mean.cwiseAbs().maxCoeff() + kWindow + kMaxDisplacement + 0.6;
   const int half = static_cast<int>(std::ceil(extent * px));
   const int patch = 2 * static_cast<int>(std::lround(kWindow * px)) + 1;
-  const int reach = std::max(1, static_cast<int>(std::lround(kReach * px)));
-  const InFrame here = in_frame(gray, points, mean, px, half);
+  const int reach = std::max(1, static_cast<int>(std::lround(kMaxDisplacement * px)));
+  const ShapeFramePatch current = warp_to_shape_frame(gray, points, mean, px, half);
   const auto n = static_cast<std::size_t>(points.cols());
 
   // Responses of each face's windows around where the point is now.
   std::vector<cv::Mat> areas;
   for (std::size_t i = 0; i < n; ++i)
     areas.push_back(
-        window(here.gray, here.points.col(static_cast<Eigen::Index>(i)), patch + 2 * reach));
+        window(current.gray, current.points.col(static_cast<Eigen::Index>(i)), patch + 2 * reach));
   std::vector<std::vector<cv::Mat>> responses(faces.size());
-  std::vector<std::pair<double, std::size_t>> alike;
+  std::vector<std::pair<double, std::size_t>> ranked_faces;
   for (std::size_t f = 0; f < faces.size(); ++f) {
-    const InFrame there = in_frame(faces[f].gray, faces[f].points, mean, px, half);
+    const ShapeFramePatch example =
+        warp_to_shape_frame(faces[f].gray, faces[f].points, mean, px, half);
     double total = 0;
     for (std::size_t i = 0; i < n; ++i) {
       const cv::Mat model =
-          window(there.gray, there.points.col(static_cast<Eigen::Index>(i)), patch);
+          window(example.gray, example.points.col(static_cast<Eigen::Index>(i)), patch);
       cv::Mat match;
       cv::matchTemplate(areas[i], model, match, cv::TM_CCOEFF_NORMED);
       cv::patchNaNs(match, 0);
@@ -234,26 +239,27 @@ Matrix2Xd refine(const std::vector<landmarks::TrainingFace>& faces, const cv::Ma
       total += best;
       responses[f].push_back(std::move(match));
     }
-    alike.emplace_back(-total / static_cast<double>(n), f);
+    ranked_faces.emplace_back(-total / static_cast<double>(n), f);
   }
-  std::sort(alike.begin(), alike.end());
-  const std::size_t used = std::min(kAlike, alike.size());
+  std::sort(ranked_faces.begin(), ranked_faces.end());
+  const std::size_t used = std::min(kMaxSimilarFaces, ranked_faces.size());
 
-  Matrix2Xd moved = here.points;
+  Matrix2Xd moved = current.points;
   for (std::size_t i = 0; i < n; ++i) {
     cv::Mat sum = cv::Mat::zeros(2 * reach + 1, 2 * reach + 1, CV_32F);
     for (std::size_t k = 0; k < used; ++k) {
-      const double weight = std::exp(-(alike[k].first - alike[0].first) / 0.03);
-      sum += weight * responses[alike[k].second][i];
+      const double weight = std::exp(-(ranked_faces[k].first - ranked_faces[0].first) / 0.03);
+      sum += weight * responses[ranked_faces[k].second][i];
     }
     double weights = 0;
     for (std::size_t k = 0; k < used; ++k)
-      weights += std::exp(-(alike[k].first - alike[0].first) / 0.03);
+      weights += std::exp(-(ranked_faces[k].first - ranked_faces[0].first) / 0.03);
     sum /= weights;
     for (int y = -reach; y <= reach; ++y) {
       for (int x = -reach; x <= reach; ++x) {
         sum.at<float>(y + reach, x + reach) -=
-            static_cast<float>(kSharp * 0.5 * (x * x + y * y) / (kTrust * px * kTrust * px));
+            static_cast<float>(kDisplacementCost * 0.5 * (x * x + y * y) /
+                               (kDisplacementScale * px * kDisplacementScale * px));
       }
     }
     cv::Point at;
@@ -267,7 +273,7 @@ Matrix2Xd refine(const std::vector<landmarks::TrainingFace>& faces, const cv::Ma
                               sum.at<float>(at.y + 1, at.x));
     moved.col(static_cast<Eigen::Index>(i)) += step;
   }
-  return here.frame_from_image.inverse()(moved);
+  return current.frame_from_image.inverse()(moved);
 }
 
 }  // namespace tarsier::face::proposals

@@ -16,14 +16,14 @@ namespace tarsier::face::proposals {
 // optical flow (Lucas and Kanade, IJCAI 1981) forwards and backwards. A similarity is fitted
 // robustly to the tracked points; lost and missing points move by it. Empty if too few points are
 // tracked.
-[[nodiscard]] std::optional<Eigen::Matrix2Xd> moved_along(const cv::Mat& from,
-                                                          const Eigen::Matrix2Xd& points,
-                                                          const cv::Mat& to);
+[[nodiscard]] std::optional<Eigen::Matrix2Xd> transfer_by_flow(const cv::Mat& from,
+                                                               const Eigen::Matrix2Xd& points,
+                                                               const cv::Mat& to);
 
 // Returns the mean shape, upright, where the mean image of the faces (warped to their mean shape)
 // matches best by normalised correlation. Searches the whole of `gray`, at sizes around that of
 // `last` (points, px) and of the faces.
-[[nodiscard]] std::optional<Eigen::Matrix2Xd> best_place(
+[[nodiscard]] std::optional<Eigen::Matrix2Xd> match_mean_image(
     const std::vector<landmarks::TrainingFace>& faces, const Eigen::Matrix2Xd& mean,
     const cv::Mat& gray, const Eigen::Matrix2Xd& last);
 

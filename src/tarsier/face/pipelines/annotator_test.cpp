@@ -28,23 +28,23 @@ using Eigen::Matrix2Xd;
 // An object with six points: discs on a plate, on a blotched background. It has any position and
 // size, and its parts move a little on their own.
 // size, and its parts move a little on their own.
-struct Thing {
+struct SyntheticObject {
   cv::Mat gray;
   Matrix2Xd points;
 };
 
-Thing thing(std::uint64_t seed, double wobble = 0.05) {
+SyntheticObject synthetic_object(std::uint64_t seed, double jitter = 0.05) {
   Rng rng(seed);
   const double size = rng.uniform(34, 46);
   const double angle = rng.uniform(-0.15, 0.15);
   const cv::Point2d middle(rng.uniform(110, 210), rng.uniform(90, 150));
   Matrix2Xd mean(2, 6);
   mean << -1, 1, 0, -0.8, 0.8, 0, -0.7, -0.7, 0, 0.8, 0.8, 1.2;
-  Thing result;
+  SyntheticObject result;
   result.points.resize(2, 6);
   for (int i = 0; i < 6; ++i) {
-    const double x = mean(0, i) + rng.uniform(-wobble, wobble);
-    const double y = mean(1, i) + rng.uniform(-wobble, wobble);
+    const double x = mean(0, i) + rng.uniform(-jitter, jitter);
+    const double y = mean(1, i) + rng.uniform(-jitter, jitter);
     result.points.col(i) << middle.x + size * (std::cos(angle) * x - std::sin(angle) * y),
         middle.y + size * (std::sin(angle) * x + std::cos(angle) * y);
   }
@@ -67,10 +67,10 @@ Thing thing(std::uint64_t seed, double wobble = 0.05) {
 
 class AnnotatorTest : public ::testing::Test {
  protected:
-  shape::LandmarkSet done(int count, double wobble = 0.05) {
+  shape::LandmarkSet done(int count, double jitter = 0.05) {
     shape::LandmarkSet set;
     for (int k = 0; k < count; ++k) {
-      const Thing one = thing(static_cast<std::uint64_t>(k) + 1, wobble);
+      const SyntheticObject one = synthetic_object(static_cast<std::uint64_t>(k) + 1, jitter);
       shape::LandmarkSample sample;
       sample.image = folder_ / (std::to_string(k) + ".png");
       write_image(sample.image, one.gray);
@@ -83,7 +83,7 @@ class AnnotatorTest : public ::testing::Test {
   static double share(Annotator& annotator, const shape::LandmarkSet& set, int images) {
     int good = 0;
     for (int k = 0; k < images; ++k) {
-      const Thing one = thing(1000 + static_cast<std::uint64_t>(k));
+      const SyntheticObject one = synthetic_object(1000 + static_cast<std::uint64_t>(k));
       const auto proposal =
           annotator.propose({one.gray, set, static_cast<int>(set.samples.size()) - 1});
       if (!proposal) continue;
@@ -95,7 +95,7 @@ class AnnotatorTest : public ::testing::Test {
   TemporaryFolder folder_;
 };
 
-TEST_F(AnnotatorTest, LearnsAnyThingWithoutAFaceDetector) {
+TEST_F(AnnotatorTest, LearnsAnObjectWithoutAFaceDetector) {
   AnnotatorOptions options;
   options.find_faces = false;
   Annotator annotator(options);
@@ -103,26 +103,26 @@ TEST_F(AnnotatorTest, LearnsAnyThingWithoutAFaceDetector) {
   EXPECT_GT(after_ten, 0.8);
 }
 
-TEST_F(AnnotatorTest, ADetectorThatFindsOtherThingsIsNotUsed) {
+TEST_F(AnnotatorTest, IgnoresADetectorThatFindsOtherObjects) {
   Annotator annotator;
   EXPECT_GT(share(annotator, done(10), 6), 0.8);
 }
 
-TEST_F(AnnotatorTest, TheSameQuestionsGetTheSameAnswers) {
+TEST_F(AnnotatorTest, IsDeterministic) {
   const shape::LandmarkSet set = done(6);
-  const Thing one = thing(77);
+  const SyntheticObject one = synthetic_object(77);
   Annotator a;
   Annotator b;
-  (void)b.propose({thing(78).gray, done(4), 0});
+  (void)b.propose({synthetic_object(78).gray, done(4), 0});
   const auto first = a.propose({one.gray, set, 0});
   const auto second = b.propose({one.gray, set, 0});
   ASSERT_TRUE(first && second);
   EXPECT_EQ(first->points, second->points);
-  EXPECT_TRUE(first->learned);
+  EXPECT_TRUE(first->from_model);
   EXPECT_EQ(first->points, a.propose({one.gray, set, 0})->points) << "again";
 }
 
-TEST_F(AnnotatorTest, OneDoneImageIsFollowedIntoTheNextFrame) {
+TEST_F(AnnotatorTest, TransfersPointsToTheNextFrame) {
   const shape::LandmarkSet set = done(1);
   const cv::Mat first = read_gray_image(set.samples[0].image);
   const cv::Mat map = (cv::Mat_<double>(2, 3) << 1.02, -0.02, 3.5, 0.02, 1.02, -6.25);
@@ -137,16 +137,16 @@ TEST_F(AnnotatorTest, OneDoneImageIsFollowedIntoTheNextFrame) {
     EXPECT_NEAR(proposal->points(0, i), 1.02 * x - 0.02 * y + 3.5, 0.5) << i;
     EXPECT_NEAR(proposal->points(1, i), 0.02 * x + 1.02 * y - 6.25, 0.5) << i;
   }
-  EXPECT_FALSE(proposal->learned);
+  EXPECT_FALSE(proposal->from_model);
   const nlohmann::ordered_json json = to_json(*proposal);
   ASSERT_EQ(json["points"].size(), 6U);
   EXPECT_NEAR(json["points"][3][0].get<double>(), proposal->points(0, 3), 0.005);
   EXPECT_EQ(json["learned"], false);
 }
 
-TEST_F(AnnotatorTest, NothingIsSaidOfAnUnlikeImage) {
+TEST_F(AnnotatorTest, MakesNoProposalForAnUnrelatedImage) {
   Annotator annotator;
-  EXPECT_FALSE(annotator.propose({thing(1).gray, {}, 0})) << "nothing done yet";
+  EXPECT_FALSE(annotator.propose({synthetic_object(1).gray, {}, 0})) << "nothing done yet";
   cv::Mat noise(240, 320, CV_8UC1);
   Rng rng(5);
   for (int y = 0; y < noise.rows; ++y)
@@ -155,7 +155,7 @@ TEST_F(AnnotatorTest, NothingIsSaidOfAnUnlikeImage) {
   EXPECT_FALSE(annotator.propose({noise, done(1), 0}));
 }
 
-TEST_F(AnnotatorTest, HiddenPointsAndLostImagesAreLivedWith) {
+TEST_F(AnnotatorTest, ToleratesMissingPointsAndImages) {
   shape::LandmarkSet set = done(8);
   set.samples[2].points.col(1).setConstant(std::nan(""));
   set.samples[3].points.setConstant(std::nan(""));
@@ -166,19 +166,19 @@ TEST_F(AnnotatorTest, HiddenPointsAndLostImagesAreLivedWith) {
   EXPECT_GT(share(annotator, set, 6), 0.7);
   shape::LandmarkSet gone = done(1);
   gone.samples[0].image = folder_ / "gone.png";
-  EXPECT_FALSE(annotator.propose({thing(1).gray, gone, 0}));
+  EXPECT_FALSE(annotator.propose({synthetic_object(1).gray, gone, 0}));
 }
 
-TEST_F(AnnotatorTest, ImagesAreNotChanged) {
+TEST_F(AnnotatorTest, DoesNotModifyTheImage) {
   const shape::LandmarkSet set = done(5);
   Annotator annotator;
-  const Thing one = thing(77);
+  const SyntheticObject one = synthetic_object(77);
   const cv::Mat before = one.gray.clone();
   (void)annotator.propose({one.gray, set, 0});
   EXPECT_EQ(cv::norm(before, one.gray, cv::NORM_INF), 0);
 }
 
-TEST(AnnotatorData, TwentyFacesOfSixPeople) {
+TEST(AnnotatorData, ProposesPointsOfImmFaces) {
   TARSIER_LONG_TEST();
   const char* data = std::getenv("TARSIER_DATA");
   if (data == nullptr || *data == '\0') GTEST_SKIP() << "no $TARSIER_DATA";

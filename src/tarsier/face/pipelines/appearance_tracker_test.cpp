@@ -24,9 +24,9 @@ AppearanceTracker loaded(AppearanceStart start) {
   return AppearanceTracker::load(models(), options);
 }
 
-class Appearances : public MessiTest {};
+class AppearanceTrackerTest : public MessiTest {};
 
-TEST_F(Appearances, FitsFromBoxesAndFromLandmarksEndAtTheSameFace) {
+TEST_F(AppearanceTrackerTest, BoxesAndLandmarksGiveTheSameFit) {
   const AppearanceTracker by_boxes = loaded(AppearanceStart::kAuto);
   const AppearanceTracker by_landmarks = loaded(AppearanceStart::kLandmarks);
   AppearanceState of_boxes;
@@ -42,7 +42,7 @@ TEST_F(Appearances, FitsFromBoxesAndFromLandmarksEndAtTheSameFace) {
   EXPECT_LT(second[0].fit.error, 0.6);
 }
 
-TEST_F(Appearances, OfAVideoKeepTheirIdUntilAnotherBegins) {
+TEST_F(AppearanceTrackerTest, KeepsIdsWithinAVideo) {
   const AppearanceTracker tracker = loaded(AppearanceStart::kAuto);
   AppearanceState state;
   for (int k = 0; k < 3; ++k) EXPECT_EQ(tracker.process(frame(k, false), state).at(0).id, 1);
@@ -56,7 +56,7 @@ TEST_F(Appearances, OfAVideoKeepTheirIdUntilAnotherBegins) {
 }
 
 // The library names the option, not the caller's flag.
-TEST(AppearanceLoading, NamesTheOptionThatDoesNotFitTheModel) {
+TEST(AppearanceTrackerLoadTest, ErrorNamesTheUnsupportedOption) {
   const TemporaryFolder folder;
   appearance::AppearanceModel model =
       appearance::read_appearance_model(models().path("aam68.json"));
@@ -75,7 +75,7 @@ TEST(AppearanceLoading, NamesTheOptionThatDoesNotFitTheModel) {
   EXPECT_NO_THROW(static_cast<void>(AppearanceTracker::load(models(), options)));
 }
 
-TEST(AppearanceLoading, NamesWhatIsMissing) {
+TEST(AppearanceTrackerLoadTest, ErrorNamesTheMissingFile) {
   const TemporaryFolder empty;
   try {
     static_cast<void>(AppearanceTracker::load(ModelStore(empty.path())));

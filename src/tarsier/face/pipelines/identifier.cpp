@@ -102,9 +102,9 @@ recognition::Background load_deep_background(const ModelStore& models, const std
                         "is not calibrated, no background is given");
   const std::string path = models.path_or(which, kDeepBackground);
   recognition::Background background = recognition::read_background(path);
-  if (background.of_network != network->fingerprint ||
+  if (background.network_fingerprint != network->fingerprint ||
       background.mean.size() != network->outputs()) {
-    throw ModelError(path, background.of_network == 0
+    throw ModelError(path, background.network_fingerprint == 0
                                ? "was not trained on deep templates"
                                : "is of another network than " +
                                      (own ? own->name : models.place_of(kDeepNetwork)));
@@ -115,20 +115,21 @@ recognition::Background load_deep_background(const ModelStore& models, const std
 
 void attach_network(recognition::Recognizer& model, SharedNetwork network,
                     const std::string& path) {
-  const bool same = model.of_network == 0 || model.of_network == network->fingerprint;
+  const bool same =
+      model.network_fingerprint == 0 || model.network_fingerprint == network->fingerprint;
   if (!same || model.mean.size() != network->outputs())
     throw ModelError(path, "was trained with another network" +
                                (network->name.empty() ? std::string() : " than " + network->name));
   model.network = std::move(network);
 }
 
-void choose_deep_templates(people::Gallery& gallery, const SharedNetwork& own) {
+void use_deep_templates(people::Gallery& gallery, const SharedNetwork& own) {
   gallery.set_algorithm(kDeepAlgorithm);
   gallery.set_network(identity_of(own));
 }
 
-void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelStore& models,
-                      bool choose, const SharedNetwork& own) {
+void resolve_template_kind(people::Gallery& gallery, TemplateKind kind, const ModelStore& models,
+                           bool set_kind, const SharedNetwork& own) {
   const bool deep = has_deep_templates(gallery);
   if (gallery.face_count_up_to(1) > 0) {
     const std::string network = deep ? gallery.network() : std::string();
@@ -154,9 +155,9 @@ void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelSt
                           "its templates are deep, and one gallery keeps one kind");
     return;
   }
-  if (!choose) return;
+  if (!set_kind) return;
   if (own || kind == TemplateKind::kDeep) {
-    choose_deep_templates(gallery, own);
+    use_deep_templates(gallery, own);
     return;
   }
   gallery.set_network("");
@@ -183,13 +184,13 @@ std::optional<recognition::Background> background_for(people::Gallery& gallery,
                                                       const ModelStore& models,
                                                       const std::string& which,
                                                       const SharedNetwork& own) {
-  const std::int64_t faces = gallery.face_count_up_to(people::kLearnedWhole + 1);
+  const std::int64_t faces = gallery.face_count_up_to(people::kMaxSmallGalleryFaces + 1);
   if (has_deep_templates(gallery)) {
     if (faces == 0) return std::nullopt;
     return load_deep_background(models, which, own);
   }
   const bool learned = gallery.model_generation() == gallery.generation();
-  if (which.empty() && (faces == 0 || (faces <= people::kLearnedWhole && learned)))
+  if (which.empty() && (faces == 0 || (faces <= people::kMaxSmallGalleryFaces && learned)))
     return std::nullopt;
   return load_background(models, which);
 }
@@ -202,13 +203,14 @@ people::Gallery open_gallery(const std::string& path) {
   }
 }
 
-std::optional<people::GalleryModel> learn_gallery(people::Gallery& gallery,
+std::optional<people::GalleryModel> train_gallery(people::Gallery& gallery,
                                                   const recognition::Background* background,
-                                                  people::Learn learn, Progress& progress,
+                                                  people::TrainingPolicy policy, Progress& progress,
                                                   const std::stop_token& stop,
-                                                  people::Searching searching) {
+                                                  people::SearchMode search_mode) {
   const auto load = [&](bool store) {
-    return people::load_gallery_model(gallery, background, store, learn, progress, stop, searching);
+    return people::load_gallery_model(gallery, background, store, policy, progress, stop,
+                                      search_mode);
   };
   try {
     try {
@@ -224,33 +226,35 @@ std::optional<people::GalleryModel> learn_gallery(people::Gallery& gallery,
   }
 }
 
-nlohmann::ordered_json to_json(const NamedFace& face) {
+nlohmann::ordered_json to_json(const IdentifiedFace& face) {
   const cv::Rect2d& box = face.face.box;
   nlohmann::ordered_json object = {
       {"box",
        {std::lround(box.x), std::lround(box.y), std::lround(box.width), std::lround(box.height)}},
-      {"label", face.name.label.empty() ? nlohmann::ordered_json()
-                                        : nlohmann::ordered_json(face.name.label)},
-      {"confidence", std::round(face.name.confidence * 1e4) / 1e4},
-      {"known", face.name.known},
+      {"label", face.identity.label.empty() ? nlohmann::ordered_json()
+                                            : nlohmann::ordered_json(face.identity.label)},
+      {"confidence", std::round(face.identity.confidence * 1e4) / 1e4},
+      {"known", face.identity.known},
       {"trusted", face.face.trusted}};
   if (face.face.id > 0) object["id"] = face.face.id;
   return object;
 }
 
-void name_faces(const recognition::Recognizer* model, bool cropped, const NamingOptions& options,
-                std::vector<NamedFace>& faces, PooledTemplates& pool) {
-  const NameOfTemplate name = [&](const std::vector<float>& features, double false_accepts) {
+void identify_faces(const recognition::Recognizer* model, bool cropped,
+                    const IdentificationOptions& options, std::vector<IdentifiedFace>& faces,
+                    PooledTemplates& pool) {
+  const IdentifyTemplate identify_template = [&](const std::vector<float>& features,
+                                                 double false_accepts) {
     return people::recognize(*model, features, false_accepts);
   };
-  name_faces(model, name, cropped, options, faces, pool);
+  identify_faces(model, identify_template, cropped, options, faces, pool);
 }
 
-void name_faces(const recognition::Recognizer* model, const NameOfTemplate& name, bool cropped,
-                const NamingOptions& options, std::vector<NamedFace>& faces,
-                PooledTemplates& pool) {
+void identify_faces(const recognition::Recognizer* model, const IdentifyTemplate& identify_template,
+                    bool cropped, const IdentificationOptions& options,
+                    std::vector<IdentifiedFace>& faces, PooledTemplates& pool) {
   std::set<int> seen;
-  for (NamedFace& face : faces) {
+  for (IdentifiedFace& face : faces) {
     const bool tracked = face.face.id > 0;
     if (tracked) seen.insert(face.face.id);
     if (model == nullptr) continue;
@@ -264,7 +268,8 @@ void name_faces(const recognition::Recognizer* model, const NameOfTemplate& name
         latest.erase(latest.begin());
       features = recognition::pooled(*model, latest);
     }
-    face.name = name(features, (tracked ? kTrackedShare : 1) * options.false_accepts);
+    face.identity = identify_template(
+        features, (tracked ? kTrackedFalseAcceptShare : 1) * options.false_accepts);
   }
   std::erase_if(pool, [&](const auto& track) { return !seen.contains(track.first); });
 }
@@ -278,12 +283,12 @@ void IdentifierOptions::check() const {
   TARSIER_REQUIRE(!network || templates != TemplateKind::kClassic,
                   "a network goes with deep templates");
   reading.check();
-  naming.check();
+  identification.check();
 }
 
 nlohmann::ordered_json to_json(const IdentifierResult& result) {
   nlohmann::ordered_json faces = nlohmann::ordered_json::array();
-  for (const NamedFace& face : result.faces) faces.push_back(to_json(face));
+  for (const IdentifiedFace& face : result.faces) faces.push_back(to_json(face));
   return {{"faces", std::move(faces)}, {"ms", std::round(result.ms * 100) / 100}};
 }
 
@@ -315,8 +320,8 @@ people::Recognition IdentifierState::recognize(const std::vector<float>& feature
   return people::recognize(*model_, features, false_accepts);
 }
 
-bool IdentifierState::knows(const std::string& name) const {
-  if (follower_ != nullptr) return follower_->knows(name);
+bool IdentifierState::is_enrolled(const std::string& name) const {
+  if (follower_ != nullptr) return follower_->is_enrolled(name);
   return model_ != nullptr &&
          std::find(model_->labels.begin(), model_->labels.end(), name) != model_->labels.end();
 }
@@ -329,7 +334,7 @@ const recognition::Background* IdentifierState::background() const {
   return follower_ != nullptr ? follower_->background() : nullptr;
 }
 
-bool IdentifierState::follow() {
+bool IdentifierState::update() {
   if (follower_ == nullptr) return false;
   const people::GalleryFollower::Change change = follower_->update();
   // Pooled templates may be of another space. And a correction holds from this frame on.
@@ -343,14 +348,14 @@ void IdentifierState::replace(std::optional<people::GalleryModel> model) {
   pool_.clear();
 }
 
-Identifier::Identifier(const NamingOptions& naming, bool cropped)
-    : naming_(naming), cropped_(cropped) {
-  naming_.check();
+Identifier::Identifier(const IdentificationOptions& options, bool cropped)
+    : identification_(options), cropped_(cropped) {
+  identification_.check();
 }
 
 Identifier Identifier::load(const ModelStore& models, const IdentifierOptions& options) {
   options.check();
-  Identifier identifier(options.naming, options.cropped);
+  Identifier identifier(options.identification, options.cropped);
   identifier.models_ = models;
   identifier.options_ = options;
   // A wrong path is reported before anything is written, even if the file is needed only later.
@@ -382,8 +387,8 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
   if (options_.algorithm)
     opened->gallery.set_algorithm(recognition::name_of(*options_.algorithm));
   else
-    settle_templates(opened->gallery, options_.templates, models_, options_.enroll,
-                     options_.network);
+    resolve_template_kind(opened->gallery, options_.templates, models_, options_.enroll,
+                          options_.network);
   opened->background = options_.enroll && has_deep_templates(opened->gallery)
                            ? load_deep_background(models_, options_.background, options_.network)
                        : options_.enroll ? load_background(models_, options_.background)
@@ -392,14 +397,14 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
   const recognition::Background* background = opened->background ? &*opened->background : nullptr;
   std::optional<people::GalleryModel> model;
   try {
-    model = learn_gallery(opened->gallery, background, people::Learn::kWhenDue, progress, stop,
-                          people::Searching::kByIndex);
+    model = train_gallery(opened->gallery, background, people::TrainingPolicy::kIfNeeded, progress,
+                          stop, people::SearchMode::kIndexed);
   } catch (const InputError& error) {
     if (!options_.enroll) throw;
     log_warning("{}", error.what());  // e.g. Fisherfaces with one person
   }
   opened->follower.emplace(opened->gallery, background, std::move(model),
-                           people::Searching::kByIndex);
+                           people::SearchMode::kIndexed);
   IdentifierState state(reader_->make_reader(), *opened->follower);
   state.gallery_ = std::move(opened);
   return state;
@@ -407,44 +412,46 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
 
 IdentifierResult Identifier::process(const Frame& frame, IdentifierState& state,
                                      DebugSink* debug) const {
-  static_cast<void>(state.follow());
+  static_cast<void>(state.update());
   const auto start = std::chrono::steady_clock::now();
   IdentifierResult result;
   result.faces = find(frame, state, debug);
-  name(result.faces, state);
+  identify(result.faces, state);
   const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - start;
   result.ms = spent.count();
   return result;
 }
 
-std::vector<NamedFace> Identifier::find(const Frame& frame, IdentifierState& state,
-                                        DebugSink* debug) const {
+std::vector<IdentifiedFace> Identifier::find(const Frame& frame, IdentifierState& state,
+                                             DebugSink* debug) const {
   const std::string source = source_of(frame);
   if (frame.still || source != state.source_) {
     state.pool_.clear();
-    state.reader_.restart();
+    state.reader_.reset();
   }
   state.source_ = source;
   const cv::Mat& gray = gray_of(frame.image, state.gray_);
-  std::vector<NamedFace> faces;
+  std::vector<IdentifiedFace> faces;
   if (cropped_) {
-    NamedFace whole;
+    IdentifiedFace whole;
     whole.face.crop = gray;
     whole.face.box = {0, 0, static_cast<double>(gray.cols), static_cast<double>(gray.rows)};
     faces.push_back(std::move(whole));
   } else {
     for (people::Face& face : frame.still ? state.reader_.read(gray, debug)
-                                          : state.reader_.follow(gray, frame.time, debug))
+                                          : state.reader_.track(gray, frame.time, debug))
       faces.push_back({std::move(face), {}});
   }
   return faces;
 }
 
-void Identifier::name(std::vector<NamedFace>& faces, IdentifierState& state) const {
-  const NameOfTemplate name = [&](const std::vector<float>& features, double false_accepts) {
+void Identifier::identify(std::vector<IdentifiedFace>& faces, IdentifierState& state) const {
+  const IdentifyTemplate identify_template = [&](const std::vector<float>& features,
+                                                 double false_accepts) {
     return state.recognize(features, false_accepts);
   };
-  name_faces(state.recognizer(), name, cropped_, naming_, faces, state.pool_);
+  identify_faces(state.recognizer(), identify_template, cropped_, identification_, faces,
+                 state.pool_);
 }
 
 void Enroller::enroll(const std::string& name, const std::string& note, const people::Face& face,

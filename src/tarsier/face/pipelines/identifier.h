@@ -76,12 +76,12 @@ void attach_network(recognition::Recognizer& model, SharedNetwork network, const
 [[nodiscard]] bool has_deep_templates(people::Gallery& gallery);
 // A gallery keeps templates of one kind and one network. Throws InputError if a gallery with faces
 // has another kind or network than requested; a gallery made with the user's own network needs the
-// same network. With `choose`, the kind of a gallery without faces is set.
-void settle_templates(people::Gallery& gallery, TemplateKind kind, const ModelStore& models,
-                      bool choose, const SharedNetwork& own = nullptr);
+// same network. With `set_kind`, the kind of a gallery without faces is set.
+void resolve_template_kind(people::Gallery& gallery, TemplateKind kind, const ModelStore& models,
+                           bool set_kind, const SharedNetwork& own = nullptr);
 // From now on the gallery uses deep templates of `own` or of the installed network. Other templates
 // are computed again from the crops when a model is next requested.
-void choose_deep_templates(people::Gallery& gallery, const SharedNetwork& own);
+void use_deep_templates(people::Gallery& gallery, const SharedNetwork& own);
 
 // The background: a model of the variation between faces in general. `which` is a file or "none"
 // (no background). If it is empty, the background is people-background.json of the store; if that
@@ -99,14 +99,14 @@ void choose_deep_templates(people::Gallery& gallery, const SharedNetwork& own);
 // The model of a gallery; pending learning is done. A read-only gallery is used as it is. Returns
 // nothing for an empty gallery. `background` may be null. Throws InputError if its recogniser
 // cannot be trained on this gallery, Interrupted.
-[[nodiscard]] std::optional<people::GalleryModel> learn_gallery(
-    people::Gallery& gallery, const recognition::Background* background, people::Learn learn,
-    Progress& progress, const std::stop_token& stop,
-    people::Searching searching = people::Searching::kAll);
+[[nodiscard]] std::optional<people::GalleryModel> train_gallery(
+    people::Gallery& gallery, const recognition::Background* background,
+    people::TrainingPolicy policy, Progress& progress, const std::stop_token& stop,
+    people::SearchMode search_mode = people::SearchMode::kExhaustive);
 
 // --- names ---
 
-struct NamingOptions {
+struct IdentificationOptions {
   double false_accepts = 0.01;  // false accept rate of strangers
   int max_pooled = 10;          // max number of latest templates pooled for a tracked face
 
@@ -120,16 +120,16 @@ struct NamingOptions {
 
 // A tracked face has a chance of a false accept in each frame. So each frame gets this share of the
 // stated false accept rate.
-inline constexpr double kTrackedShare = 0.1;
+inline constexpr double kTrackedFalseAcceptShare = 0.1;
 
-struct NamedFace {
+struct IdentifiedFace {
   people::Face face;
-  people::Recognition name;
+  people::Recognition identity;
 };
 
 // {"box": [x, y, w, h], "label": the nearest person or null, "confidence", "known", "trusted": see
 // people::Face}, and "id" for a tracked face.
-[[nodiscard]] nlohmann::ordered_json to_json(const NamedFace& face);
+[[nodiscard]] nlohmann::ordered_json to_json(const IdentifiedFace& face);
 
 // Latest templates of tracked faces, keyed by the face's id.
 using PooledTemplates = std::map<int, std::vector<std::vector<float>>>;
@@ -137,14 +137,16 @@ using PooledTemplates = std::map<int, std::vector<std::vector<float>>>;
 // Identifies faces by their templates. For tracked faces (id > 0) the templates of the last frames
 // are pooled. Templates of faces that are gone are dropped. `cropped`: the crops are already in the
 // recogniser's form. `model` may be null; then no face is identified.
-void name_faces(const recognition::Recognizer* model, bool cropped, const NamingOptions& options,
-                std::vector<NamedFace>& faces, PooledTemplates& pool);
+void identify_faces(const recognition::Recognizer* model, bool cropped,
+                    const IdentificationOptions& options, std::vector<IdentifiedFace>& faces,
+                    PooledTemplates& pool);
 // The same with a caller's function that returns the nearest person. `false_accepts` is the false
 // accept rate that it must keep.
-using NameOfTemplate =
+using IdentifyTemplate =
     std::function<people::Recognition(const std::vector<float>& features, double false_accepts)>;
-void name_faces(const recognition::Recognizer* model, const NameOfTemplate& name, bool cropped,
-                const NamingOptions& options, std::vector<NamedFace>& faces, PooledTemplates& pool);
+void identify_faces(const recognition::Recognizer* model, const IdentifyTemplate& identify_template,
+                    bool cropped, const IdentificationOptions& options,
+                    std::vector<IdentifiedFace>& faces, PooledTemplates& pool);
 
 // --- the pipeline ---
 
@@ -155,24 +157,24 @@ struct IdentifierOptions {
   // can be learned yet, that is a warning.
   bool enroll = false;
   std::optional<recognition::Algorithm> algorithm;  // of the gallery from now on; with `enroll`
-  // See settle_templates(); ignored with `algorithm`.
+  // See resolve_template_kind(); ignored with `algorithm`.
   TemplateKind templates = TemplateKind::kAuto;
   SharedNetwork network;   // the user's own, for deep templates; may be null
   std::string recognizer;  // file of `people train -o`, replaces the gallery; empty: none
   std::string background;  // see load_background()
   people::FaceReaderOptions reading;
   bool cropped = false;  // images are cropped faces already; with `recognizer`
-  NamingOptions naming;
+  IdentificationOptions identification;
   void check() const;  // throws std::invalid_argument that names the value
 };
 
 // The faces of one frame.
 struct IdentifierResult {
-  std::vector<NamedFace> faces;
+  std::vector<IdentifiedFace> faces;
   double ms = 0;  // time of process(), milliseconds
 };
 
-// {"faces": [to_json(NamedFace)..], "ms"}
+// {"faces": [to_json(IdentifiedFace)..], "ms"}
 [[nodiscard]] nlohmann::ordered_json to_json(const IdentifierResult& result);
 
 // The enrolled people, and what earlier frames of a video contribute. Each stream of frames has its
@@ -194,7 +196,7 @@ class IdentifierState {
   [[nodiscard]] people::Recognition recognize(const std::vector<float>& features,
                                               double false_accepts);
   // Whether a person of this name is enrolled.
-  [[nodiscard]] bool knows(const std::string& name) const;
+  [[nodiscard]] bool is_enrolled(const std::string& name) const;
   // Null if the people come from a recogniser.
   [[nodiscard]] people::Gallery* gallery() const;
   // May be null, see background_for().
@@ -202,9 +204,9 @@ class IdentifierState {
   // The reader that finds the faces.
   [[nodiscard]] const people::FaceReader& reader() const { return reader_; }
   // Checks whether another program changed the gallery. Processing a frame does this too.
-  bool follow();
+  bool update();
   // Drops the pooled templates of earlier frames, e.g. after a correction.
-  void forget_frames() { pool_.clear(); }
+  void clear_pooled_templates() { pool_.clear(); }
   // Replaces the gallery's model by one learned meanwhile; empty if nobody is enrolled any more.
   // Throws std::invalid_argument for a state without a gallery.
   void replace(std::optional<people::GalleryModel> model);
@@ -227,8 +229,8 @@ class IdentifierState {
 //   face::IdentifierState state = identifier.open();
 //   const auto source = open_source("0");  // a camera
 //   while (const auto frame = source->next(1s, {}))
-//     for (const face::NamedFace& face : identifier.process(*frame, state).faces)
-//       fmt::print("{}\n", face.name.known ? face.name.label : "unknown");
+//     for (const face::IdentifiedFace& face : identifier.process(*frame, state).faces)
+//       fmt::print("{}\n", face.identity.known ? face.identity.label : "unknown");
 //
 // Changes by other programs hold from the next frame on. The class is const: copies share the
 // models, and any number of threads may use it, each with its own state.
@@ -238,7 +240,7 @@ class Identifier {
   [[nodiscard]] static Identifier load(const ModelStore& models,
                                        const IdentifierOptions& options = {});
   // Only identifies faces; states are made by the caller.
-  explicit Identifier(const NamingOptions& naming, bool cropped = false);
+  explicit Identifier(const IdentificationOptions& options, bool cropped = false);
 
   // Opens the gallery and does its pending learning. Throws InputError, OutputError
   // (write_gallery), ModelError (the background), Interrupted; std::invalid_argument for an object
@@ -253,13 +255,13 @@ class Identifier {
                                          DebugSink* debug = nullptr) const;
 
   // The two halves of process(), for callers that need the faces before anybody is enrolled: find()
-  // returns the faces of a frame without names, name() identifies them.
-  [[nodiscard]] std::vector<NamedFace> find(const Frame& frame, IdentifierState& state,
-                                            DebugSink* debug = nullptr) const;
-  void name(std::vector<NamedFace>& faces, IdentifierState& state) const;
+  // returns the faces of a frame without names, identify() names them.
+  [[nodiscard]] std::vector<IdentifiedFace> find(const Frame& frame, IdentifierState& state,
+                                                 DebugSink* debug = nullptr) const;
+  void identify(std::vector<IdentifiedFace>& faces, IdentifierState& state) const;
 
  private:
-  NamingOptions naming_;
+  IdentificationOptions identification_;
   bool cropped_ = false;
   ModelStore models_;
   IdentifierOptions options_;
@@ -283,7 +285,7 @@ class Enroller {
 
  private:
   people::Gallery* gallery_;
-  people::TemplateMaker templates_;
+  people::TemplateExtractor templates_;
 };
 
 }  // namespace tarsier::face

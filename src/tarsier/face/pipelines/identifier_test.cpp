@@ -27,9 +27,9 @@ using testing::Not;
 namespace fs = std::filesystem;
 
 // A gallery of three synthetic people.
-class Names : public FolderTest {
+class IdentifierTest : public FolderTest {
  protected:
-  Names() : set_(recognition::synthetic_faces(3, 3, 0.3, 5, 0, {128, 160})) {
+  IdentifierTest() : set_(recognition::synthetic_faces(3, 3, 0.3, 5, 0, {128, 160})) {
     people::Gallery gallery(path("people.db"));
     for (std::size_t i = 0; i < set_.faces.size(); ++i)
       gallery.enroll(set_.labels[i], "", stored(set_.faces[i]));
@@ -50,76 +50,79 @@ class Names : public FolderTest {
   recognition::SyntheticFaces set_;
 };
 
-TEST_F(Names, OfCutFacesFollowTheGallery) {
+TEST_F(IdentifierTest, IdentifiesCroppedFacesByTheCurrentGallery) {
   people::Gallery gallery(path("people.db"));
   NoProgress quiet;
   people::GalleryFollower follower(
-      gallery, nullptr, learn_gallery(gallery, nullptr, people::Learn::kWhenDue, quiet, {}));
+      gallery, nullptr,
+      train_gallery(gallery, nullptr, people::TrainingPolicy::kIfNeeded, quiet, {}));
   const Identifier identifier({}, true);
   IdentifierState state(no_reader(), follower);
   const IdentifierResult first = identifier.process(frame_of(set_.faces[0], 0, true), state);
   ASSERT_EQ(first.faces.size(), 1U);
-  EXPECT_EQ(first.faces[0].name.label, "p0");
-  EXPECT_TRUE(first.faces[0].name.known);
+  EXPECT_EQ(first.faces[0].identity.label, "p0");
+  EXPECT_TRUE(first.faces[0].identity.known);
   EXPECT_EQ(state.gallery(), &gallery);
   people::Gallery other(path("people.db"));
   ASSERT_TRUE(other.forget("p0", {}));
-  EXPECT_NE(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].name.label, "p0");
+  EXPECT_NE(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].identity.label,
+            "p0");
   ASSERT_TRUE(other.forget_all({}));
-  EXPECT_TRUE(state.follow());
+  EXPECT_TRUE(state.update());
   EXPECT_EQ(state.recognizer(), nullptr);
-  EXPECT_EQ(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].name.label, "");
+  EXPECT_EQ(identifier.process(frame_of(set_.faces[0], 0, true), state).faces[0].identity.label,
+            "");
 }
 
-TEST_F(Names, OfTrackedFacesPoolTheirLastFrames) {
+TEST_F(IdentifierTest, PoolsTemplatesOfTrackedFaces) {
   people::Gallery gallery(path("people.db"));
   NoProgress quiet;
-  const auto model = learn_gallery(gallery, nullptr, people::Learn::kWhenDue, quiet, {});
+  const auto model = train_gallery(gallery, nullptr, people::TrainingPolicy::kIfNeeded, quiet, {});
   ASSERT_TRUE(model);
-  NamingOptions options;
+  IdentificationOptions options;
   options.max_pooled = 2;
   PooledTemplates pool;
-  std::vector<NamedFace> faces(2);
+  std::vector<IdentifiedFace> faces(2);
   for (int k = 0; k < 3; ++k) {
     faces[0].face.id = 4;
     faces[0].face.crop = set_.faces[static_cast<std::size_t>(k)];
     faces[1].face.id = 0;  // of a still image: not pooled
     faces[1].face.crop = set_.faces[3];
-    name_faces(&model->recognizer, true, options, faces, pool);
-    EXPECT_EQ(faces[0].name.label, "p0");
-    EXPECT_EQ(faces[1].name.label, "p1");
+    identify_faces(&model->recognizer, true, options, faces, pool);
+    EXPECT_EQ(faces[0].identity.label, "p0");
+    EXPECT_EQ(faces[1].identity.label, "p1");
   }
   ASSERT_EQ(pool.size(), 1U);
   EXPECT_EQ(pool.at(4).size(), 2U);
   // Pooled faces get a share of the false accept rate, so their threshold is stricter.
-  EXPECT_NE(faces[0].name.threshold, faces[1].name.threshold);
+  EXPECT_NE(faces[0].identity.threshold, faces[1].identity.threshold);
   faces.erase(faces.begin());
-  name_faces(&model->recognizer, true, options, faces, pool);
+  identify_faces(&model->recognizer, true, options, faces, pool);
   EXPECT_TRUE(pool.empty());  // the tracked face is gone
 }
 
-TEST_F(Names, AreFoundAndNamedInTwoSteps) {
+TEST_F(IdentifierTest, FindsAndIdentifiesInTwoSteps) {
   people::Gallery gallery(path("people.db"));
   people::GalleryFollower follower(gallery, nullptr, std::nullopt);
   const Identifier identifier({}, true);
   IdentifierState state(no_reader(), follower);
   const Frame frame = frame_of(set_.faces[0], 0, true);
-  std::vector<NamedFace> faces = identifier.find(frame, state);
+  std::vector<IdentifiedFace> faces = identifier.find(frame, state);
   ASSERT_EQ(faces.size(), 1U);
-  identifier.name(faces, state);
-  EXPECT_EQ(faces[0].name.label, "") << "nothing is learned yet";
+  identifier.identify(faces, state);
+  EXPECT_EQ(faces[0].identity.label, "") << "nothing is learned yet";
   NoProgress quiet;
-  state.replace(learn_gallery(gallery, nullptr, people::Learn::kWhenDue, quiet, {}));
-  identifier.name(faces, state);
-  EXPECT_EQ(faces[0].name.label, "p0");
-  EXPECT_EQ(identifier.process(frame, state).faces[0].name.score, faces[0].name.score);
+  state.replace(train_gallery(gallery, nullptr, people::TrainingPolicy::kIfNeeded, quiet, {}));
+  identifier.identify(faces, state);
+  EXPECT_EQ(faces[0].identity.label, "p0");
+  EXPECT_EQ(identifier.process(frame, state).faces[0].identity.score, faces[0].identity.score);
   state.replace(std::nullopt);
   EXPECT_EQ(state.recognizer(), nullptr);
   IdentifierState alone(no_reader(), nullptr);
   EXPECT_THROW(alone.replace(std::nullopt), std::invalid_argument);
 }
 
-TEST_F(Names, OfEnrolledFacesAreKnownWithTheirMeasures) {
+TEST_F(IdentifierTest, EnrollerStoresFaceAndMeasures) {
   people::Gallery gallery(path("new.db"), DatabaseAccess::kCreate);
   Enroller enroller(gallery, nullptr);
   people::Face face;
@@ -138,21 +141,21 @@ TEST_F(Names, OfEnrolledFacesAreKnownWithTheirMeasures) {
   EXPECT_NE(stored->measures.find("61"), std::string::npos) << stored->measures;
 }
 
-TEST_F(Names, AreWrittenAsJson) {
-  NamedFace face;
+TEST_F(IdentifierTest, WritesJson) {
+  IdentifiedFace face;
   face.face.box = {10.4, 20.6, 30, 40};
   IdentifierResult result{{face}, 1.234};
   EXPECT_EQ(
       to_json(result).dump(),
       R"({"faces":[{"box":[10,21,30,40],"label":null,"confidence":0.0,"known":false,"trusted":true}],"ms":1.23})");
   result.faces[0].face.id = 3;
-  result.faces[0].name = {"Ann", 0, 0, 0.98765, true, 0};
+  result.faces[0].identity = {"Ann", 0, 0, 0.98765, true, 0};
   EXPECT_EQ(
       to_json(result.faces[0]).dump(),
       R"({"box":[10,21,30,40],"label":"Ann","confidence":0.9877,"known":true,"trusted":true,"id":3})");
 }
 
-TEST_F(Names, TheFaceOfAStillIsThatOfThePersonEnrolled) {
+TEST_F(IdentifierTest, IdentifiesAnEnrolledFace) {
   if (!fs::exists(kMessi)) GTEST_SKIP() << "needs the package opencv-doc";
   const cv::Mat image = read_image(kMessi);
   cv::Mat gray;
@@ -170,16 +173,16 @@ TEST_F(Names, TheFaceOfAStillIsThatOfThePersonEnrolled) {
   ASSERT_NE(state.gallery(), nullptr);
   const IdentifierResult still = identifier.process(frame_of(image, 0, true), state);
   ASSERT_EQ(still.faces.size(), 1U);
-  EXPECT_EQ(still.faces[0].name.label, "Messi");
-  EXPECT_TRUE(still.faces[0].name.known);
+  EXPECT_EQ(still.faces[0].identity.label, "Messi");
+  EXPECT_TRUE(still.faces[0].identity.known);
   EXPECT_EQ(still.faces[0].face.id, 0);
   const IdentifierResult video = identifier.process(frame_of(image, 0, false), state);
   ASSERT_EQ(video.faces.size(), 1U);
   EXPECT_GT(video.faces[0].face.id, 0);
-  EXPECT_EQ(video.faces[0].name.label, "Messi");
+  EXPECT_EQ(video.faces[0].identity.label, "Messi");
 }
 
-TEST_F(Names, WhatIsMissingIsNamed) {
+TEST_F(IdentifierTest, RejectsMissingFiles) {
   IdentifierOptions options;
   options.gallery = path("nobody.db");
   const Identifier identifier = Identifier::load(models(), options);
@@ -193,7 +196,7 @@ TEST_F(Names, WhatIsMissingIsNamed) {
   EXPECT_THROW(static_cast<void>(Identifier({}, true).open()), std::invalid_argument);
 }
 
-TEST_F(Names, AGalleryForEnrollingIsMadeWithItsAlgorithmAndBackground) {
+TEST_F(IdentifierTest, CreatesAGalleryForEnrolment) {
   IdentifierOptions options;
   options.gallery = path("nobody.db");
   options.enroll = true;
@@ -212,13 +215,13 @@ TEST_F(Names, AGalleryForEnrollingIsMadeWithItsAlgorithmAndBackground) {
 }
 
 // The library does not know the commands of the program; its message states the problem only.
-TEST_F(Names, TemplatesOfAnotherKindAreRefused) {
+TEST_F(IdentifierTest, RejectsTemplatesOfAnotherKind) {
   const TemporaryFolder empty;
   const ModelStore none(empty.path());
   const auto problem_of = [&](people::Gallery& gallery, TemplateKind kind,
                               const SharedNetwork& own) -> std::optional<TemplateProblem> {
     try {
-      settle_templates(gallery, kind, none, false, own);
+      resolve_template_kind(gallery, kind, none, false, own);
     } catch (const TemplateError& error) {
       EXPECT_EQ(error.path(), gallery.path());
       EXPECT_EQ(error.kind(), ErrorKind::kInput);
@@ -238,7 +241,7 @@ TEST_F(Names, TemplatesOfAnotherKindAreRefused) {
   EXPECT_EQ(problem_of(gallery, TemplateKind::kClassic, nullptr), std::nullopt);
   EXPECT_EQ(problem_of(gallery, TemplateKind::kDeep, nullptr), TemplateProblem::kNotDeep);
   EXPECT_EQ(problem_of(gallery, TemplateKind::kAuto, own), TemplateProblem::kOtherNetwork);
-  choose_deep_templates(gallery, own);
+  use_deep_templates(gallery, own);
   EXPECT_EQ(problem_of(gallery, TemplateKind::kAuto, own), std::nullopt);
   EXPECT_EQ(problem_of(gallery, TemplateKind::kAuto, network_named("b.onnx", "fedc")),
             TemplateProblem::kOtherNetwork);
@@ -254,18 +257,18 @@ TEST_F(Names, TemplatesOfAnotherKindAreRefused) {
   }
 }
 
-TEST_F(Names, BadOptionsAreRefused) {
+TEST_F(IdentifierTest, RejectsInvalidOptions) {
   IdentifierOptions options;
   options.cropped = true;  // but no recognizer
   EXPECT_THROW(options.check(), std::invalid_argument);
   options = {};
-  options.naming.false_accepts = 0;
+  options.identification.false_accepts = 0;
   EXPECT_THROW(options.check(), std::invalid_argument);
   options = {};
   options.algorithm = recognition::Algorithm::kLbph;  // but not to enroll
   EXPECT_THROW(options.check(), std::invalid_argument);
   options = {};
-  options.naming.max_pooled = 0;
+  options.identification.max_pooled = 0;
   EXPECT_THROW(static_cast<void>(Identifier::load(models(), options)), std::invalid_argument);
 }
 

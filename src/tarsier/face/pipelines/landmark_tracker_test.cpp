@@ -31,9 +31,9 @@ const LandmarkTracker& tracker() {
   return shared;
 }
 
-class Landmarks : public MessiTest {};
+class LandmarkTrackerTest : public MessiTest {};
 
-TEST_F(Landmarks, OfAStillAreThoseOfTheFinder) {
+TEST_F(LandmarkTrackerTest, StillResultEqualsFindFaces) {
   LandmarkState state;
   const LandmarkResult result = tracker().process(frame(0, true), state);
   ASSERT_EQ(result.faces.size(), 1U);
@@ -57,7 +57,7 @@ TEST_F(Landmarks, OfAStillAreThoseOfTheFinder) {
 }
 
 // A detector that needs a margin around the face.
-struct NeedsAMargin final : BoxDetector {
+struct MarginDetector final : BoxDetector {
   [[nodiscard]] std::vector<ScoredFace> find(const cv::Mat& gray) const override {
     if (gray.cols <= without_margin) return {};
     return {{box, 0.9}};
@@ -66,7 +66,7 @@ struct NeedsAMargin final : BoxDetector {
   cv::Rect2d box;  // the detection
 };
 
-TEST_F(Landmarks, OfACropWithoutAMarginAreThoseOfTheImage) {
+TEST_F(LandmarkTrackerTest, TightCropGivesTheSameLandmarks) {
   LandmarkState state;
   const LandmarkResult whole = tracker().process(frame(0, true), state);
   ASSERT_EQ(whole.faces.size(), 1U);
@@ -77,7 +77,7 @@ TEST_F(Landmarks, OfACropWithoutAMarginAreThoseOfTheImage) {
                       cv::Point(cvCeil(high.x()) + 1, cvCeil(high.y()) + 1));
   cv::Mat gray;
   cv::cvtColor(image_(area), gray, cv::COLOR_BGR2GRAY);
-  const auto seen = std::make_shared<NeedsAMargin>();
+  const auto seen = std::make_shared<MarginDetector>();
   seen->without_margin = gray.cols;
   // The border is 0.3 of the longer side.
   const double border = cvRound(0.3 * std::max(gray.cols, gray.rows));
@@ -117,7 +117,7 @@ TEST_F(Landmarks, OfACropWithoutAMarginAreThoseOfTheImage) {
 }
 
 // Rotates the image clockwise by `degrees` about the middle of `points`, and the points too.
-cv::Mat turned(const cv::Mat& image, double degrees, Eigen::Matrix2Xd& points) {
+cv::Mat rotated(const cv::Mat& image, double degrees, Eigen::Matrix2Xd& points) {
   const Eigen::Vector2d middle = points.rowwise().mean();
   const cv::Matx23d map = cv::getRotationMatrix2D(
       cv::Point2f(static_cast<float>(middle.x()), static_cast<float>(middle.y())), -degrees, 1);
@@ -136,7 +136,7 @@ LandmarkTracker tracker_with(landmarks::RolledSearch rolled) {
   return LandmarkTracker::load(models(), options);
 }
 
-TEST_F(Landmarks, OfRolledFacesAreThoseOfTheUprightFace) {
+TEST_F(LandmarkTrackerTest, FindsRolledFaces) {
   LandmarkState state;
   const LandmarkResult upright = tracker().process(frame(0, true), state);
   ASSERT_EQ(upright.faces.size(), 1U);
@@ -147,7 +147,7 @@ TEST_F(Landmarks, OfRolledFacesAreThoseOfTheUprightFace) {
   int missed = 0;
   for (const double degrees : {-60, -45, 45, 60}) {
     Eigen::Matrix2Xd points = upright.faces[0].points;
-    image_ = turned(image, degrees, points);
+    image_ = rotated(image, degrees, points);
     const auto is_found = [&](const LandmarkResult& result) {
       return std::any_of(result.faces.begin(), result.faces.end(), [&](const auto& face) {
         return (face.points - points).colwise().norm().mean() < 0.08 * eyes;
@@ -191,12 +191,12 @@ TEST_F(Landmarks, OfRolledFacesAreThoseOfTheUprightFace) {
 
 // Two faces, one of them rolled. Beside a good upright face, the rolled one is found only on
 // request.
-TEST_F(Landmarks, OfARolledFaceBesideAnUprightOneAreFoundWhereAsked) {
+TEST_F(LandmarkTrackerTest, FindsARolledFaceNextToAnUprightOneOnRequest) {
   LandmarkState state;
   const LandmarkResult upright = tracker().process(frame(0, true), state);
   ASSERT_EQ(upright.faces.size(), 1U);
   Eigen::Matrix2Xd points = upright.faces[0].points;
-  const cv::Mat rolled = turned(image_, 50, points);
+  const cv::Mat rolled = rotated(image_, 50, points);
   cv::hconcat(image_, rolled, image_);
   const auto count = [&](landmarks::RolledSearch search) {
     LandmarkState own;
@@ -206,7 +206,7 @@ TEST_F(Landmarks, OfARolledFaceBesideAnUprightOneAreFoundWhereAsked) {
   EXPECT_EQ(count(landmarks::RolledSearch::kAlways), 2U);
 }
 
-TEST_F(Landmarks, GrayAndColourGiveTheSame) {
+TEST_F(LandmarkTrackerTest, GreyAndColourGiveTheSameLandmarks) {
   LandmarkState state;
   const LandmarkResult of_color = tracker().process(frame(0, true), state);
   cv::Mat gray;
@@ -219,7 +219,7 @@ TEST_F(Landmarks, GrayAndColourGiveTheSame) {
   EXPECT_THROW(static_cast<void>(tracker().process(frame(0, true), state)), std::invalid_argument);
 }
 
-TEST_F(Landmarks, OfAVideoKeepTheirIdUntilAnotherBegins) {
+TEST_F(LandmarkTrackerTest, KeepsIdsWithinAVideo) {
   LandmarkState state;
   for (int k = 0; k < 3; ++k) {
     const LandmarkResult result = tracker().process(frame(k, false), state);
@@ -235,7 +235,7 @@ TEST_F(Landmarks, OfAVideoKeepTheirIdUntilAnotherBegins) {
   EXPECT_TRUE(state.tracker.tracks.at(0).lost);
 }
 
-TEST_F(Landmarks, OfImagesInSequenceAreTrackedAsOfAVideo) {
+TEST_F(LandmarkTrackerTest, TracksImageSequencesAsAVideo) {
   LandmarkState state;
   for (int k = 0; k < 3; ++k) {
     const std::string name = "frames/" + std::to_string(k) + ".png";
@@ -245,7 +245,7 @@ TEST_F(Landmarks, OfImagesInSequenceAreTrackedAsOfAVideo) {
   }
 }
 
-TEST_F(Landmarks, TwoStatesDoNotMeet) {
+TEST_F(LandmarkTrackerTest, StatesAreIndependent) {
   LandmarkState a;
   LandmarkState b;
   const LandmarkTracker copy = tracker();
@@ -263,7 +263,7 @@ std::string load_error(const ModelStore& store, const LandmarkTrackerOptions& op
   return "no error";
 }
 
-TEST(LandmarkLoading, NamesWhatIsMissing) {
+TEST(LandmarkTrackerLoadTest, ErrorNamesTheMissingFile) {
   const TemporaryFolder empty;
   EXPECT_THAT(load_error(ModelStore(empty.path())), HasSubstr(empty / "landmarks68.json"));
   LandmarkTrackerOptions options;
@@ -278,7 +278,7 @@ TEST(LandmarkLoading, NamesWhatIsMissing) {
   EXPECT_THAT(load_error(models(), options), HasSubstr(empty / "detector.json"));
 }
 
-TEST(LandmarkLoading, RefusesBadOptions) {
+TEST(LandmarkTrackerLoadTest, RejectsInvalidOptions) {
   LandmarkTrackerOptions options;
   options.fit.starts = 0;
   EXPECT_THROW(static_cast<void>(LandmarkTracker::load(models(), options)), std::invalid_argument);
@@ -291,7 +291,7 @@ TEST(LandmarkLoading, RefusesBadOptions) {
   EXPECT_THROW(LandmarkTracker(nullptr, DetectorModel()), std::invalid_argument);
 }
 
-TEST(FaceDetectorModel, IsThatOfTheStoreElseTheCascades) {
+TEST(DetectorModelTest, LoadsTheShippedDetectorOrCascades) {
   EXPECT_NE(DetectorModel::load(models()).networks(), nullptr);
   EXPECT_EQ(DetectorModel::load(models(), "cascades").networks(), nullptr);
   const TemporaryFolder empty;
@@ -303,7 +303,7 @@ TEST(FaceDetectorModel, IsThatOfTheStoreElseTheCascades) {
                ModelError);
 }
 
-TEST(FaceDetectorModel, TakesTheInstalledOneBesideIt) {
+TEST(DetectorModelTest, UsesTheInstalledAnchorDetector) {
   const TemporaryFolder folder;
   const std::string installed = folder.path() + "/face-anchors.json";
   fs::copy(models().path("face-detector.json"), folder.path() + "/face-detector.json");

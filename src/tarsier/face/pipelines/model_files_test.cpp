@@ -22,15 +22,15 @@ class ModelFiles : public FolderTest {
  protected:
   template <class Read, class Write>
   void expect_same(const std::string& name, const Read& read, const Write& write) const {
-    constexpr std::int64_t kMost = 100'000'000;
+    constexpr std::int64_t kMaxBytes = 100'000'000;
     const std::string shipped = std::string(TARSIER_SOURCE_MODELS) + "/" + name;
     write(path(name), read(shipped), read_any_archive(shipped).provenance);
     // EXPECT_EQ would print megabytes.
-    EXPECT_TRUE(read_file(path(name), kMost) == read_file(shipped, kMost)) << name;
+    EXPECT_TRUE(read_file(path(name), kMaxBytes) == read_file(shipped, kMaxBytes)) << name;
   }
 };
 
-TEST_F(ModelFiles, AreWrittenAsTheyAreRead) {
+TEST_F(ModelFiles, RoundTripKeepsEachByte) {
   expect_same("aam68.json", appearance::read_appearance_model, appearance::write_appearance_model);
   expect_same("face-detector.json", read_face_networks, write_face_networks);
   expect_same("head.json", head::read_head_model, head::write_head_model);

@@ -62,7 +62,7 @@ const PosedFace* face_in_head_box(const std::vector<PosedFace>& faces, const std
   return nullptr;
 }
 
-std::string image_of_truth(const std::string& truth, const std::string& image) {
+std::string resolve_image_path(const std::string& truth, const std::string& image) {
   std::error_code error;
   if (fs::exists(image, error)) return image;
   return (fs::path(truth).parent_path() / image).string();
@@ -130,10 +130,10 @@ std::vector<head::PoseLine> PoseEvaluator::poses(const std::string& path,
   for (std::size_t i = 0; i < truth.size(); ++i) {
     throw_if_stopped(stop);
     progress.advance();
-    cv::Mat image = read_image(image_of_truth(path, truth[i].image));
+    cv::Mat image = read_image(resolve_image_path(path, truth[i].image));
     if (options.occlude) {
       const std::string& other = truth[(i + truth.size() / 2) % truth.size()].image;
-      image = occluded(image, read_gray_image(image_of_truth(path, other)), root.fork(i));
+      image = occluded(image, read_gray_image(resolve_image_path(path, other)), root.fork(i));
     }
     const std::vector<PosedFace> faces = faces_of(truth[i].image, image);
     head::PoseLine line;

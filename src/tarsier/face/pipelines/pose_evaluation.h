@@ -47,7 +47,7 @@ struct PointingImage {
                                                 const std::string& image, cv::Size size);
 // Path of the image that a line of ground truth names: relative to the current folder, or else to
 // the folder of the file.
-[[nodiscard]] std::string image_of_truth(const std::string& truth, const std::string& image);
+[[nodiscard]] std::string resolve_image_path(const std::string& truth, const std::string& image);
 
 struct PoseEvaluationOptions {
   // Occlude each detected face by a part of another image or by one grey level

@@ -28,7 +28,7 @@ class PoseEvaluationFiles : public testing::Test {
   TemporaryFolder folder_;
 };
 
-TEST_F(PoseEvaluationFiles, ImagesOfPointingAreFoundByTheAnglesOfTheirNames) {
+TEST_F(PoseEvaluationFiles, PointingImagesAreSelectedByTheirAngles) {
   EXPECT_THROW((void)pointing_images(folder_.path() + "/none"), InputError);
   EXPECT_THROW((void)pointing_images(folder_.path()), InputError);
   make_folder(folder_.path() + "/Person02");
@@ -47,15 +47,15 @@ TEST_F(PoseEvaluationFiles, ImagesOfPointingAreFoundByTheAnglesOfTheirNames) {
   EXPECT_THAT(all[2].path, HasSubstr("person01102+0+90"));
 }
 
-TEST_F(PoseEvaluationFiles, ImagesOfTruthAreFoundBesideTheirFile) {
-  EXPECT_EQ(image_of_truth(folder_.path() + "/truth.jsonl", "a/1.png"),
+TEST_F(PoseEvaluationFiles, ResolvesPathsRelativeToTheFile) {
+  EXPECT_EQ(resolve_image_path(folder_.path() + "/truth.jsonl", "a/1.png"),
             folder_.path() + "/a/1.png");
   write("2.png");
-  EXPECT_EQ(image_of_truth("/elsewhere/truth.jsonl", folder_.path() + "/2.png"),
+  EXPECT_EQ(resolve_image_path("/elsewhere/truth.jsonl", folder_.path() + "/2.png"),
             folder_.path() + "/2.png");
 }
 
-TEST_F(PoseEvaluationFiles, TheFaceOfAHeadHasItsMiddleInTheAnnotatedBox) {
+TEST_F(PoseEvaluationFiles, FaceInHeadBoxHasItsCentreInTheBox) {
   const std::string image = folder_.path() + "/person01100+0+0.jpg";
   std::ofstream(folder_.path() + "/person01100+0+0.txt") << "Face\n100\n100\n40\n60\n";
   std::vector<PosedFace> faces(3);
@@ -69,7 +69,7 @@ TEST_F(PoseEvaluationFiles, TheFaceOfAHeadHasItsMiddleInTheAnnotatedBox) {
   EXPECT_EQ(face_in_head_box({}, image, {200, 200}), nullptr);
 }
 
-TEST(AngleSigmas, AreThoseOfYawPitchAndRoll) {
+TEST(AngleSigmas, ReturnsYawPitchAndRoll) {
   head::HeadPose pose;
   pose.yaw_sigma_deg = 1;
   pose.pitch_sigma_deg = 2;
@@ -83,7 +83,7 @@ class PoseEvaluation : public MessiTest {
   NoProgress progress_;
 };
 
-TEST_F(PoseEvaluation, FindsWhatTheTrackerFindsInStills) {
+TEST_F(PoseEvaluation, PosesEqualThoseOfTheTracker) {
   const PoseTrackerOptions options;
   const PoseModels read = load_pose_models(models(), options);
   PoseEvaluator evaluator(read, options);
@@ -113,7 +113,7 @@ TEST_F(PoseEvaluation, FindsWhatTheTrackerFindsInStills) {
   EXPECT_FALSE(std::getline(lines, line));
 }
 
-TEST_F(PoseEvaluation, OccludesByTheSeed) {
+TEST_F(PoseEvaluation, OcclusionDependsOnTheSeed) {
   const PoseModels read = load_pose_models(models());
   const auto rotation = [&](std::uint64_t seed) {
     PoseEvaluator evaluator(read, {});
@@ -128,7 +128,7 @@ TEST_F(PoseEvaluation, OccludesByTheSeed) {
   EXPECT_NE(plain.at(0).rotation.value(), first);
 }
 
-TEST_F(PoseEvaluation, OfPointingIsOfTheHeadThatIsAnnotated) {
+TEST_F(PoseEvaluation, PointingEvaluatesTheAnnotatedHead) {
   const std::string path = folder_.path() + "/person01100-15-30.png";
   write_image(path, image_);
   PoseEvaluator evaluator(load_pose_models(models()), {});
@@ -146,7 +146,7 @@ TEST_F(PoseEvaluation, OfPointingIsOfTheHeadThatIsAnnotated) {
   EXPECT_FALSE(elsewhere.at(0).face_detected);
 }
 
-TEST_F(PoseEvaluation, EndsWhenAskedTo) {
+TEST_F(PoseEvaluation, CanBeInterrupted) {
   std::stop_source stop;
   stop.request_stop();
   PoseEvaluator evaluator(load_pose_models(models()), {});

@@ -15,9 +15,9 @@ namespace tarsier::face {
 namespace {
 
 // The second fit has failed if its score is lower than the first one's by more than this.
-constexpr double kMuchWorse = 0.1;
+constexpr double kMaxScoreDrop = 0.1;
 // Below this quality the candidate is not a face, and a second fit does not help.
-constexpr double kHopeless = 0.15;
+constexpr double kMinFaceScore = 0.15;
 // Min scores of detection and first fit for which the second fit's score counts.
 constexpr double kMinDetection = 0.6;
 constexpr double kMinFirstFit = 0.35;
@@ -161,7 +161,7 @@ PosedFace PoseFinder::pose_of(landmarks::TrackedFace face, const cv::Mat& gray,
     if (start.allFinite()) {
       landmarks::Fit again =
           landmarks::fit_points(*landmarks_, fit_, gray, start, workspace, second.sink());
-      if (again.score >= face.score - kMuchWorse) {
+      if (again.score >= face.score - kMaxScoreDrop) {
         face.points = std::move(again.points);
         face.score = again.score;
         face.visibility = std::move(again.visibility);
@@ -179,7 +179,7 @@ std::vector<PosedFace> PoseFinder::find(const cv::Mat& gray, const geometry::Cam
                                         DebugSink* debug) const {
   std::vector<PosedFace> faces;
   for (landmarks::FittedFace& found :
-       landmarks::find_faces(*landmarks_, fit_, gray, finder, workspace, kHopeless, debug)) {
+       landmarks::find_faces(*landmarks_, fit_, gray, finder, workspace, kMinFaceScore, debug)) {
     const double first = found.fit.score;
     landmarks::TrackedFace start;
     start.points = std::move(found.fit.points);

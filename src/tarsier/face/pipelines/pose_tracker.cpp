@@ -183,9 +183,10 @@ geometry::Camera PoseTracker::camera_for(const Frame& frame) const {
 std::vector<PosedFace> PoseTracker::faces_of_still(const Frame& frame,
                                                    const geometry::Camera& camera, PoseState& state,
                                                    DebugSink* debug) const {
-  LandmarkState& seen = state.landmarks;
-  const cv::Mat& gray = gray_of(frame.image, seen.gray);
-  if (!appearance_) return finder_.find(gray, camera, *seen.finder, seen.workspace, 0.5, debug);
+  LandmarkState& landmark_state = state.landmarks;
+  const cv::Mat& gray = gray_of(frame.image, landmark_state.gray);
+  if (!appearance_)
+    return finder_.find(gray, camera, *landmark_state.finder, landmark_state.workspace, 0.5, debug);
   std::vector<PosedFace> posed;
   for (landmarks::TrackedFace& face : faces_of(appearance_->process(frame, state.appearance)))
     posed.push_back(finder_.pose_of_points(std::move(face), gray, camera, nullptr, false, debug));
@@ -195,23 +196,23 @@ std::vector<PosedFace> PoseTracker::faces_of_still(const Frame& frame,
 std::vector<PosedFace> PoseTracker::faces_of_video(const Frame& frame,
                                                    const geometry::Camera& camera, PoseState& state,
                                                    DebugSink* debug) const {
-  LandmarkState& seen = state.landmarks;
+  LandmarkState& landmark_state = state.landmarks;
   const landmarks::TrackerOptions& tracking = landmarks_.tracking();
-  const cv::Mat& gray = gray_of(frame.image, seen.gray);
+  const cv::Mat& gray = gray_of(frame.image, landmark_state.gray);
   std::vector<PosedFace> result;
   for (landmarks::TrackedFace& face :
-       appearance_
-           ? faces_of(appearance_->process(frame, state.appearance))
-           : landmarks::track_faces(finder_.landmarks(), finder_.fit(), tracking, *seen.finder,
-                                    seen.tracker, gray, frame.time, seen.workspace, debug)) {
+       appearance_ ? faces_of(appearance_->process(frame, state.appearance))
+                   : landmarks::track_faces(finder_.landmarks(), finder_.fit(), tracking,
+                                            *landmark_state.finder, landmark_state.tracker, gray,
+                                            frame.time, landmark_state.workspace, debug)) {
     PoseState::Person& person = state.persons.try_emplace(face.id, options_).first->second;
-    person.seen = frame.time;
+    person.last_seen_s = frame.time;
     // A face with a low score is not used to learn the head's shape.
     const bool learn = face.score >= tracking.min_new;
     PosedFace posed = appearance_ ? finder_.pose_of_points(std::move(face), gray, camera,
                                                            &person.identity, learn, debug)
                                   : finder_.pose_of(std::move(face), gray, camera, &person.identity,
-                                                    learn, seen.workspace, debug);
+                                                    learn, landmark_state.workspace, debug);
     if (posed.pose) {
       geometry::Rigid3& pose = posed.pose->camera_from_head;
       Eigen::Matrix3d& covariance = posed.pose->rotation_covariance;
@@ -224,20 +225,20 @@ std::vector<PosedFace> PoseTracker::faces_of_video(const Frame& frame,
   }
   // A person who left gets a new id on return.
   std::erase_if(state.persons, [&](const auto& entry) {
-    return frame.time > entry.second.seen + tracking.remember_s + 1;
+    return frame.time > entry.second.last_seen_s + tracking.remember_s + 1;
   });
   return result;
 }
 
 PoseResult PoseTracker::process(const Frame& frame, PoseState& state, DebugSink* debug) const {
-  LandmarkState& seen = state.landmarks;
-  if (!seen.finder) seen.finder.emplace(landmarks_.detector().make_finder());
+  LandmarkState& landmark_state = state.landmarks;
+  if (!landmark_state.finder) landmark_state.finder.emplace(landmarks_.detector().make_finder());
   const std::string source = source_of(frame);
-  if (frame.still || source != seen.source) {
+  if (frame.still || source != landmark_state.source) {
     redetect(state);
-    seen.tracker = {};  // ids start again at 1
+    landmark_state.tracker = {};  // ids start again at 1
   }
-  seen.source = source;
+  landmark_state.source = source;
   PoseResult result;
   result.tracked = !frame.still;
   result.camera = camera_for(frame);

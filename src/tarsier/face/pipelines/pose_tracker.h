@@ -99,7 +99,7 @@ struct PoseState {
     head::HeadIdentity identity;
     head::MeanFilter mean;
     head::OneEuroFilter one_euro;
-    double seen = 0;  // last time, s
+    double last_seen_s = 0;
   };
   LandmarkState landmarks;
   AppearanceState appearance;

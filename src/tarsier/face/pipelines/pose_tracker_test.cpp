@@ -25,9 +25,9 @@ const PoseModels& pose_models() {
   return shared;
 }
 
-class Heads : public MessiTest {};
+class PoseTrackerTest : public MessiTest {};
 
-TEST_F(Heads, OfAStillHaveThePosesOfTheFinder) {
+TEST_F(PoseTrackerTest, StillResultEqualsPoseFinder) {
   const PoseTracker tracker(pose_models(), {});
   PoseState state;
   const PoseResult result = tracker.process(frame(0, true), state);
@@ -48,7 +48,7 @@ TEST_F(Heads, OfAStillHaveThePosesOfTheFinder) {
   EXPECT_EQ(to_json(result)["faces"][0]["rotation"].size(), 9U);
 }
 
-TEST_F(Heads, ComeWithTheUncertaintyOfTheirAngles) {
+TEST_F(PoseTrackerTest, ReportsStandardDeviationsOfAngles) {
   const auto sigma_of = [&](const PoseTrackerOptions& options, int index, bool still,
                             PoseState& state) {
     const PoseTracker tracker = PoseTracker::load(models(), options);
@@ -76,7 +76,7 @@ TEST_F(Heads, ComeWithTheUncertaintyOfTheirAngles) {
   EXPECT_GT((sigma_of(plain, 0, true, other) - of_still).abs().maxCoeff(), 0.05);
 }
 
-TEST_F(Heads, OfAVideoLearnTheirShapeAndForgetItWithTheirPlace) {
+TEST_F(PoseTrackerTest, LearnsHeadShapesWithinAVideo) {
   const PoseTracker tracker(pose_models(), {});
   PoseState state;
   for (int k = 0; k < 3; ++k) {
@@ -94,13 +94,13 @@ TEST_F(Heads, OfAVideoLearnTheirShapeAndForgetItWithTheirPlace) {
   static_cast<void>(tracker.process(frame(0, false, "b/1.png"), state));
   EXPECT_EQ(state.persons.count(9), 0U);  // a person of another video
   static_cast<void>(tracker.process(frame(1, false, "b/2.png"), state));
-  EXPECT_GT(state.persons.at(1).seen, 0);  // images in sequence are one video
-  state.persons.try_emplace(9, PoseTrackerOptions{}).first->second.seen = 1;
+  EXPECT_GT(state.persons.at(1).last_seen_s, 0);  // images in sequence are one video
+  state.persons.try_emplace(9, PoseTrackerOptions{}).first->second.last_seen_s = 1;
   static_cast<void>(tracker.process(frame(2, false, "b/3.png"), state));
   EXPECT_EQ(state.persons.count(9), 1U);
 }
 
-TEST_F(Heads, OfAnAppearanceModelAreThoseOfItsPoints) {
+TEST_F(PoseTrackerTest, AppearanceFitGivesThePosesOfItsPoints) {
   PoseTrackerOptions options;
   options.fit = PoseFit::kAam;
   const PoseTracker tracker = PoseTracker::load(models(), options);
@@ -127,7 +127,7 @@ TEST_F(Heads, OfAnAppearanceModelAreThoseOfItsPoints) {
       << "no appearance model was loaded";
 }
 
-TEST_F(Heads, ACameraOfAnotherShapeIsRefused) {
+TEST_F(PoseTrackerTest, RejectsACameraOfAnotherAspect) {
   PoseTrackerOptions options;
   options.camera = head::guess_camera({100, 900});
   PoseState state;
@@ -139,7 +139,7 @@ TEST_F(Heads, ACameraOfAnotherShapeIsRefused) {
   EXPECT_EQ(PoseTracker(pose_models(), options).process(frame(0, true), state).camera.fx, 700);
 }
 
-TEST(PoseLoading, ViewModelsGoWithTheModelsTheyWereLearnedWith) {
+TEST(PoseTrackerLoadTest, ShippedViewModelNeedsTheShippedModels) {
   EXPECT_NE(pose_models().view, nullptr);
   PoseTrackerOptions options;
   options.head = models().path("head.json");  // a given file may be any model
@@ -152,7 +152,7 @@ TEST(PoseLoading, ViewModelsGoWithTheModelsTheyWereLearnedWith) {
   EXPECT_EQ(load_pose_models(models(), options).view, nullptr);
 }
 
-TEST(PoseLoading, ModelsThatDoNotFitAreRefused) {
+TEST(PoseTrackerLoadTest, RejectsInconsistentModels) {
   const TemporaryFolder folder;
   PoseTrackerOptions options;
   options.mapping = folder / "few.txt";

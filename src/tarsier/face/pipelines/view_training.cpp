@@ -16,8 +16,8 @@ namespace tarsier::face {
 namespace {
 
 // Files are divided into this many parts; each is held out once.
-constexpr int kParts = 7;
-constexpr int kFirstPart = 1000;  // group number; lower ones are people
+constexpr int kPartsPerFile = 7;
+constexpr int kFirstPartGroup = 1000;  // group number; lower ones are people
 // Larger than the scored range, degrees.
 constexpr double kMaxPan = 90;
 constexpr double kMaxTilt = 60;
@@ -87,7 +87,9 @@ void ViewTraining::add_exact(Seen seen, int group, const std::string& image,
   exact_.emplace_back(at, pair);
 }
 
-int ViewTraining::next_group() { return kFirstPart + kParts * (files_ - 1) + lines_++ % kParts; }
+int ViewTraining::next_group() {
+  return kFirstPartGroup + kPartsPerFile * (files_ - 1) + lines_++ % kPartsPerFile;
+}
 
 void ViewTraining::add_pointing(const std::string& folder, double tilt_share, Progress& progress,
                                 const std::stop_token& stop) {
@@ -101,7 +103,7 @@ void ViewTraining::add_pointing(const std::string& folder, double tilt_share, Pr
     const auto in_box = [&image = path](const std::vector<PosedFace>& faces, cv::Size size) {
       return face_in_head_box(faces, image, size);
     };
-    of_pointing_.push_back(add(see(path, in_box), name.person, forward, true));
+    pointing_index_.push_back(add(see(path, in_box), name.person, forward, true));
     head::PointingOutcome outcome;
     outcome.image = path;
     outcome.truth = name;
@@ -122,7 +124,8 @@ void ViewTraining::add_truth(const std::string& file, Progress& progress,
     progress.advance();
     if (!line.rotation) continue;
     const int group = next_group();
-    add_exact(see(image_of_truth(file, line.image), first_face), group, line.image, *line.rotation);
+    add_exact(see(resolve_image_path(file, line.image), first_face), group, line.image,
+              *line.rotation);
   }
   progress.end();
   sources_.push_back(file);
@@ -159,8 +162,8 @@ ViewTraining::Scores ViewTraining::score(const std::vector<head::HeadPose>& pose
   Scores scores;
   std::vector<head::PointingOutcome> pointing = pointing_;
   for (std::size_t i = 0; i < pointing.size(); ++i) {
-    if (of_pointing_[i] < 0) continue;
-    const head::HeadPose& pose = poses[static_cast<std::size_t>(of_pointing_[i])];
+    if (pointing_index_[i] < 0) continue;
+    const head::HeadPose& pose = poses[static_cast<std::size_t>(pointing_index_[i])];
     pointing[i].rotation = pose.camera_from_head.rotation;
     pointing[i].sigma_deg = angle_sigmas(pose);
   }
@@ -183,7 +186,7 @@ ViewTraining::Scores ViewTraining::score_landmarks() const {
   return score(poses);
 }
 
-ViewTraining::Scores ViewTraining::score_left_out(
+ViewTraining::Scores ViewTraining::score_held_out(
     const head_view::TrainViewOptions& options) const {
   const std::vector<head_view::CorrectedDirection> found =
       head_view::leave_groups_out(samples_, options);

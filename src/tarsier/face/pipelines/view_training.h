@@ -66,7 +66,7 @@ class ViewTraining {
   [[nodiscard]] Scores score_landmarks() const;
   // Scores of poses corrected by a model that was trained without the image's group. Throws as
   // head_view::leave_groups_out().
-  [[nodiscard]] Scores score_left_out(const head_view::TrainViewOptions& options) const;
+  [[nodiscard]] Scores score_held_out(const head_view::TrainViewOptions& options) const;
 
  private:
   // The result for one image from its landmarks.
@@ -96,7 +96,7 @@ class ViewTraining {
   std::vector<head_view::ViewSample> samples_;  // one for each of `seen_`
   std::vector<std::string> sources_;
   std::vector<head::PointingOutcome> pointing_;
-  std::vector<int> of_pointing_;  // index into `seen_`; -1: no head was found
+  std::vector<int> pointing_index_;  // index into `seen_`; -1: no head was found
   std::vector<std::pair<int, head::PosePair>> exact_;
   int files_ = 0;  // files whose groups are parts of them
   int lines_ = 0;  // lines of the latest of these files

@@ -33,7 +33,7 @@ const PoseModels& pose_models() {
 }
 
 // Constant difference between the ground truth and the pose of the landmarks.
-constexpr double kSlip = 6;  // degrees of pitch
+constexpr double kPitchBias_deg = 6;  // degrees of pitch
 
 class ViewTrainingTest : public MessiTest {
  protected:
@@ -57,7 +57,7 @@ class ViewTrainingTest : public MessiTest {
       write_image(folder_.path() + "/" + name, frame.image);
       const PoseResult result = tracker.process(frame, state);
       const Eigen::Matrix3d truth = result.faces.at(0).pose.value().camera_from_head.rotation *
-                                    head::rotation_of_angles({0, kSlip, 0});
+                                    head::rotation_of_angles({0, kPitchBias_deg, 0});
       nlohmann::json line{{"image", name}};
       for (int k = 0; k < 9; ++k) line["rotation"].push_back(truth(k / 3, k % 3));
       file << line << '\n';
@@ -69,14 +69,14 @@ class ViewTrainingTest : public MessiTest {
   NoProgress progress_;
 };
 
-TEST_F(ViewTrainingTest, IsOfLandmarksAlone) {
+TEST_F(ViewTrainingTest, RejectsRefinementAndGivenCameras) {
   EXPECT_THROW(ViewTraining(pose_models(), {}), std::invalid_argument);
   PoseTrackerOptions options = landmarks_alone();
   options.camera = geometry::Camera();
   EXPECT_THROW(ViewTraining(pose_models(), options), std::invalid_argument);
 }
 
-TEST_F(ViewTrainingTest, LearnsAndIsJudgedOnWhatItHasNotSeen) {
+TEST_F(ViewTrainingTest, ScoresHeldOutGroups) {
   constexpr int kHeads = 16;
   draw_heads(kHeads);
   ViewTraining training(pose_models(), landmarks_alone());
@@ -95,16 +95,16 @@ TEST_F(ViewTrainingTest, LearnsAndIsJudgedOnWhatItHasNotSeen) {
   EXPECT_FALSE(alone.pointing);
   ASSERT_TRUE(alone.exact);
   EXPECT_EQ(alone.exact->truths, kHeads);
-  EXPECT_NEAR(alone.exact->mean_deg, kSlip, 1e-3);
+  EXPECT_NEAR(alone.exact->mean_deg, kPitchBias_deg, 1e-3);
   EXPECT_EQ(alone.exact->coverage.yaw.count, kHeads);
-  const ViewTraining::Scores refined = training.score_left_out({});
+  const ViewTraining::Scores refined = training.score_held_out({});
   ASSERT_TRUE(refined.exact);
-  EXPECT_LT(refined.exact->mean_deg, 0.6 * kSlip) << "the slip is learnt";
+  EXPECT_LT(refined.exact->mean_deg, 0.6 * kPitchBias_deg) << "the slip is learnt";
   // The score of the landmarks alone stays the same.
   EXPECT_EQ(training.score_landmarks().exact->mean_deg, alone.exact->mean_deg);
 }
 
-TEST_F(ViewTrainingTest, OfPointingIsWhereAPersonWasAskedToLook) {
+TEST_F(ViewTrainingTest, PointingTruthIsTheNominalDirection) {
   write_image(folder_.path() + "/person03100-15-30.png", image_);
   write_image(folder_.path() + "/person04100+0+0.png",
               cv::Mat(240, 320, CV_8UC3, cv::Scalar(90, 90, 90)));
@@ -126,7 +126,7 @@ TEST_F(ViewTrainingTest, OfPointingIsWhereAPersonWasAskedToLook) {
   EXPECT_EQ(scores.pointing->with_pose, 1);
 }
 
-TEST_F(ViewTrainingTest, OfAnnotatedFacesNeedsThePointsOfTheLandmarkModel) {
+TEST_F(ViewTrainingTest, AnnotatedFacesNeedThePointsOfTheLandmarkModel) {
   ViewTraining training(pose_models(), landmarks_alone());
   shape::LandmarkSet set;
   set.samples.emplace_back().image = kMessi;

@@ -85,7 +85,8 @@ Background learn_background(std::span<const cv::Mat> faces, const BackgroundOpti
       const double degrees = 2 * options.moved_px * rng.normal();
       const double scale = 1 + 0.02 * options.moved_px * rng.normal();
       rows.row(i * images + k) = described(
-          relit_face(moved_face(face, dx, dy, degrees, scale), options.relight, rng()), options);
+          relit_face(transformed_face(face, dx, dy, degrees, scale), options.relight, rng()),
+          options);
     }
     progress.advance();
   }
@@ -106,23 +107,24 @@ Background learn_background(std::span<const cv::Mat> faces, const BackgroundOpti
   for (Eigen::Index i = 0; i < centred.rows(); ++i) labels.push_back(static_cast<int>(i / images));
   out.within = within_scatter(coefficients, labels, static_cast<int>(count));
   for (Eigen::Index i = 0; i < count; ++i) {
-    out.outside += centred.row(i * images).cast<double>().squaredNorm() -
-                   coefficients.row(i * images).squaredNorm();
-    const Eigen::RowVectorXd middle =
+    out.residual_variance += centred.row(i * images).cast<double>().squaredNorm() -
+                             coefficients.row(i * images).squaredNorm();
+    const Eigen::RowVectorXd mean =
         centred.middleRows(i * images, images).cast<double>().colwise().mean();
-    const Eigen::RowVectorXd middle_inside =
+    const Eigen::RowVectorXd mean_inside =
         coefficients.middleRows(i * images, images).colwise().mean();
     for (int k = 0; k < images; ++k) {
       const Eigen::Index row = i * images + k;
-      out.within_rest += (centred.row(row).cast<double>() - middle).squaredNorm() -
-                         (coefficients.row(row) - middle_inside).squaredNorm();
+      out.within_residual_variance += (centred.row(row).cast<double>() - mean).squaredNorm() -
+                                      (coefficients.row(row) - mean_inside).squaredNorm();
     }
   }
-  out.outside = std::max(0.0, out.outside / static_cast<double>(count));
-  out.within_rest = std::max(0.0, out.within_rest / static_cast<double>(count * options.variants));
+  out.residual_variance = std::max(0.0, out.residual_variance / static_cast<double>(count));
+  out.within_residual_variance =
+      std::max(0.0, out.within_residual_variance / static_cast<double>(count * options.variants));
   out.network = options.network;
   if (out.network) {
-    out.of_network = out.network->fingerprint;
+    out.network_fingerprint = out.network->fingerprint;
     // Synthetic images vary less than real images of a person, and in other directions. The network
     // was trained to suppress such variation. Therefore the scatter is the same in all directions.
     const auto directions = static_cast<double>(out.within.rows());
@@ -143,13 +145,13 @@ void list_background(linalg::ModelFields& file, Background& background) {
                "'basis' is too large");
   file.matrix("mean", background.mean, 1, background.basis.cols());
   file.matrix<float>("variance", background.variance, 1, rows);
-  file.number("outside", background.outside, 0, 1e6);
+  file.number("outside", background.residual_variance, 0, 1e6);
   file.matrix<float>("within", background.within, rows, rows);
-  file.number("within_rest", background.within_rest, 0, 1e6);
+  file.number("within_rest", background.within_residual_variance, 0, 1e6);
   file.number("within_weight", background.within_weight, 1e-6, 1e6);
   file.number("genuine", background.prior.genuine, -1, 1);
-  if (file.has("network", background.of_network != 0))
-    file.whole("network", background.of_network, 1);
+  if (file.has("network", background.network_fingerprint != 0))
+    file.whole("network", background.network_fingerprint, 1);
 }
 
 }  // namespace

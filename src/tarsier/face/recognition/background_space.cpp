@@ -98,7 +98,7 @@ Rows templates_of_coordinates(const Recognizer& model, const Background& backgro
 }
 
 CoordinateProjection::CoordinateProjection(const Recognizer& model, const Background& background)
-    : importance_(model.importance), rest_(model.rest) {
+    : eigenvalues_(model.eigenvalues), residual_variance_(model.residual_variance) {
   require_directions(background);
   TARSIER_REQUIRE(model.mean.size() == background.mean.size(), "a model of {} inputs, {} wanted",
                   model.mean.size(), background.mean.size());
@@ -121,7 +121,7 @@ Rows CoordinateProjection::operator()(const Rows& coordinates) const {
     const Eigen::VectorXd square = centred.cast<double>().rowwise().squaredNorm() +
                                    coordinates.block(first, m, count, 1).cast<double>();
     Rows block = products(centred, inner_);
-    scale_rows(block, square, importance_, rest_);
+    scale_rows(block, square, eigenvalues_, residual_variance_);
     out.middleRows(first, count) = block;
   }
   return out;

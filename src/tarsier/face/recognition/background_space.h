@@ -62,8 +62,8 @@ class CoordinateProjection {
  private:
   Rows shift_;  // 1 x m
   Rows inner_;  // c x m
-  Eigen::VectorXd importance_;
-  double rest_ = 1;
+  Eigen::VectorXd eigenvalues_;
+  double residual_variance_ = 1;
 };
 
 }  // namespace tarsier::face::recognition

@@ -25,7 +25,7 @@ Rows coordinates_of_all(const Background& general, const std::vector<cv::Mat>& f
   return rows;
 }
 
-TEST(BackgroundSpace, CoordinatesAndTheRestMakeTheWhole) {
+TEST(BackgroundSpace, CoordinatesKeepTheSquaredLength) {
   const Background general = background();
   const cv::Mat face = synthetic_faces(1, 1, 0.3, 1).faces[0];
   const std::vector<float> numbers = coordinates_of(general, face);
@@ -44,7 +44,7 @@ TEST(BackgroundSpace, CoordinatesAndTheRestMakeTheWhole) {
 }
 
 // Templates from stored coordinates equal those from the face itself.
-TEST(BackgroundSpace, TemplatesAreThoseOfTheFaces) {
+TEST(BackgroundSpace, CoordinatesGiveTheTemplatesOfTheFaces) {
   const Background general = background();
   const auto set = synthetic_faces(8, 3, 0.3, 1);
   const Rows rows = coordinates_of_all(general, set.faces);
@@ -63,14 +63,14 @@ TEST(BackgroundSpace, TemplatesAreThoseOfTheFaces) {
   }
 }
 
-TEST(BackgroundSpace, KnowsPeopleAndKeepsStrangersOut) {
+TEST(BackgroundSpace, IdentifiesPeopleAndRejectsImpostors) {
   const Background general = background();
   const auto set = synthetic_faces(12, 3, 0.3, 1);
   NoProgress quiet;
   const Recognizer model =
       train_coordinates(coordinates_of_all(general, set.faces), set.labels, {}, quiet, {}, general);
   ASSERT_TRUE(model.calibration);
-  EXPECT_EQ(model.calibration->stranger_people, 12);
+  EXPECT_EQ(model.calibration->impostor_people, 12);
   const double threshold = model.calibration->threshold(0.01, 12);
   const auto probes = synthetic_faces(12, 2, 0.3, 2);
   int right = 0;
@@ -85,7 +85,7 @@ TEST(BackgroundSpace, KnowsPeopleAndKeepsStrangersOut) {
   EXPECT_LE(accepted, 2);
 }
 
-TEST(BackgroundSpace, FingerprintsTellBackgroundsApart) {
+TEST(BackgroundSpace, FingerprintDependsOnBackgroundAndDescriptor) {
   const Background one = background();
   Background other = one;
   EXPECT_EQ(fingerprint(one), fingerprint(other));
@@ -97,7 +97,7 @@ TEST(BackgroundSpace, FingerprintsTellBackgroundsApart) {
   EXPECT_NE(fingerprint(one), fingerprint(one, descriptor));
 }
 
-TEST(BackgroundSpace, WhatDoesNotFitIsRefused) {
+TEST(BackgroundSpace, RejectsInvalidInput) {
   const Background mean_only = background_of(synthetic_faces(5, 1, 0, 1).faces, {});
   const cv::Mat face = synthetic_faces(1, 1, 0, 1).faces[0];
   EXPECT_THROW((void)coordinates_of(mean_only, face), std::invalid_argument);

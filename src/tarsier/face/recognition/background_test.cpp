@@ -23,16 +23,16 @@ Background background() {
   return learn_background(many.faces, options, progress, {});
 }
 
-struct Rates {
-  double known = 0;
-  double strangers = 0;
+struct AcceptRates {
+  double true_accept_rate = 0;
+  double false_accept_rate = 0;
 };
 
 // Shares above the threshold for a false accept rate of 1 %: other images of the enrolled people,
-// and 30 strangers.
-Rates rates(const Recognizer& model, int enrolled) {
+// and of 30 unknown people.
+AcceptRates accept_rates(const Recognizer& model, int enrolled) {
   const SyntheticFaces known = synthetic_faces(enrolled, 6, 0.3, 77);
-  const SyntheticFaces others = synthetic_faces(30, 4, 0.3, 78, 200);
+  const SyntheticFaces unknown = synthetic_faces(30, 4, 0.3, 78, 200);
   const double threshold = model.calibration->threshold(0.01, enrolled);
   const auto share = [&](const SyntheticFaces& of) {
     double above = 0;
@@ -40,40 +40,40 @@ Rates rates(const Recognizer& model, int enrolled) {
       above += identify(model, face).front().score >= threshold ? 1 : 0;
     return above / static_cast<double>(of.faces.size());
   };
-  return {share(known), share(others)};
+  return {share(known), share(unknown)};
 }
 
-TEST(BackgroundTest, OnePersonAloneIsToldFromStrangers) {
+TEST(BackgroundTest, SmallGalleriesRejectImpostors) {
   const Background general = background();
   NoProgress progress;
   for (const int enrolled : {1, 2, 5}) {
     const SyntheticFaces gallery = synthetic_faces(enrolled, 3, 0.3, 5);
     const Recognizer model = train(gallery.faces, gallery.labels, {}, progress, {}, &general);
     ASSERT_TRUE(model.calibration) << enrolled;
-    const Rates seen = rates(model, enrolled);
-    EXPECT_GT(seen.known, 0.9) << enrolled;
-    EXPECT_LE(seen.strangers, 0.03) << enrolled;
+    const AcceptRates measured = accept_rates(model, enrolled);
+    EXPECT_GT(measured.true_accept_rate, 0.9) << enrolled;
+    EXPECT_LE(measured.false_accept_rate, 0.03) << enrolled;
   }
 }
 
-TEST(BackgroundTest, OneImageOfOnePersonIsEnough) {
+TEST(BackgroundTest, OneImageSuffices) {
   const Background general = background();
   NoProgress progress;
   const SyntheticFaces gallery = synthetic_faces(1, 1, 0.3, 5);
   const Recognizer model = train(gallery.faces, gallery.labels, {}, progress, {}, &general);
-  const Rates seen = rates(model, 1);
-  EXPECT_GT(seen.known, 0.8);
-  EXPECT_LE(seen.strangers, 0.03);
+  const AcceptRates measured = accept_rates(model, 1);
+  EXPECT_GT(measured.true_accept_rate, 0.8);
+  EXPECT_LE(measured.false_accept_rate, 0.03);
 }
 
-TEST(BackgroundTest, TheSameSeedLearnsTheSame) {
+TEST(BackgroundTest, IsDeterministic) {
   const Background a = background();
   const Background b = background();
   EXPECT_EQ(a.basis, b.basis);
   EXPECT_EQ(a.within, b.within);
 }
 
-TEST(BackgroundTest, LightChangesTheFaceAndNotItsSize) {
+TEST(BackgroundTest, RelitFaceKeepsItsSize) {
   const cv::Mat face = synthetic_faces(1, 1, 0, 1).faces[0];
   const cv::Mat lit = relit_face(face, 1, 4);
   EXPECT_EQ(lit.size(), face.size());
@@ -81,7 +81,7 @@ TEST(BackgroundTest, LightChangesTheFaceAndNotItsSize) {
   EXPECT_EQ(cv::norm(lit, relit_face(face, 1, 4), cv::NORM_INF), 0);
 }
 
-TEST(BackgroundTest, FilesGiveTheSameBackAndBadOnesAreRefused) {
+TEST(BackgroundTest, RoundTripAndInvalidFiles) {
   const TemporaryFolder folder;
   const std::string path = folder / "b.json";
   const Background written = background();
@@ -100,7 +100,7 @@ TEST(BackgroundTest, FilesGiveTheSameBackAndBadOnesAreRefused) {
   EXPECT_THROW((void)read_background(folder / "none.json"), ModelError);
 }
 
-TEST(BackgroundTest, PartsThatDoNotFitAreRefused) {
+TEST(BackgroundTest, RejectsInconsistentParts) {
   Background general = background();
   general.variance.resize(3);
   const SyntheticFaces gallery = synthetic_faces(2, 2, 0.3, 5);

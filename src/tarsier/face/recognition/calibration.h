@@ -13,10 +13,10 @@ namespace tarsier::face::recognition {
 struct ScoreSample {
   // Enrolled people, probed with other images: the score of the right person.
   std::vector<double> genuine;
-  // Strangers: the best score of any enrolled person, and the index of the stranger. Each stranger
-  // has the same total weight, because images of one person are similar.
-  std::vector<double> stranger;
-  std::vector<int> stranger_person;
+  // Impostors (strangers): the best score of any enrolled person, and the index of the stranger.
+  // Each stranger has the same total weight, because images of one person are similar.
+  std::vector<double> impostor;
+  std::vector<int> impostor_person;
   double gallery = 1;  // mean number of enrolled people that strangers were compared with
 };
 
@@ -25,7 +25,7 @@ struct ScoreSample {
 // observed mean and variance of the best score, for the gallery size of that time. The model
 // extrapolates to rates below 1 / number of scores and to other gallery sizes. The probability of a
 // genuine match is logistic in the score. It is fitted with equal total weight of genuine and
-// stranger scores (even prior odds).
+// impostor scores (even prior odds).
 struct Calibration {
   double location = 0;  // of a stranger's score against one person
   double scale = 1;     // > 0
@@ -34,8 +34,8 @@ struct Calibration {
   double offset = 0;
   // The data: number of scores and people it was fitted to. 0 strangers: the prior alone.
   int genuine_scores = 0;
-  int stranger_scores = 0;
-  int stranger_people = 0;
+  int impostor_scores = 0;
+  int impostor_people = 0;
   double genuine_mean = 0;  // score
 
   void check() const;

@@ -19,21 +19,21 @@ double best_of(Rng& rng, int people) {
   return best;
 }
 
-ScoreSample sample_of(int people, int strangers, int each, std::uint64_t seed = 5) {
+ScoreSample sample_of(int people, int impostors, int each, std::uint64_t seed = 5) {
   Rng rng(seed);
   ScoreSample sample;
   sample.gallery = people;
-  for (int s = 0; s < strangers; ++s) {
+  for (int s = 0; s < impostors; ++s) {
     for (int k = 0; k < each; ++k) {
-      sample.stranger.push_back(best_of(rng, people));
-      sample.stranger_person.push_back(s);
+      sample.impostor.push_back(best_of(rng, people));
+      sample.impostor_person.push_back(s);
     }
   }
-  for (int i = 0; i < strangers * each; ++i) sample.genuine.push_back(rng.normal(0.7, 0.1));
+  for (int i = 0; i < impostors * each; ++i) sample.genuine.push_back(rng.normal(0.7, 0.1));
   return sample;
 }
 
-// How often new strangers reach the thresholds of models that were each calibrated with few others.
+// How often new impostors reach the thresholds of models that were each calibrated with few others.
 double observed_rate(double rate, int fitted_people, int people) {
   double sum = 0;
   constexpr int kModels = 100;
@@ -50,14 +50,14 @@ double observed_rate(double rate, int fitted_people, int people) {
   return sum;
 }
 
-TEST(Calibration, AStatedRateHoldsOnNewStrangers) {
+TEST(Calibration, FalseAcceptRateHoldsForNewImpostors) {
   for (const double rate : {0.1, 0.01}) {
     EXPECT_GT(observed_rate(rate, 20, 20), rate / 2);
     EXPECT_LT(observed_rate(rate, 20, 20), rate * 2);
   }
 }
 
-TEST(Calibration, ItHoldsForAGalleryOfAnotherSize) {
+TEST(Calibration, FalseAcceptRateHoldsForOtherGallerySizes) {
   EXPECT_GT(observed_rate(0.05, 20, 80), 0.05 / 2);
   EXPECT_LT(observed_rate(0.05, 20, 80), 0.05 * 2);
   const auto calibration = fit_calibration(sample_of(20, 20, 5), {0, 1, 0, 0});
@@ -83,32 +83,32 @@ TEST(Calibration, ProbabilityRisesWithTheScore) {
   }
 }
 
-TEST(Calibration, SeparateScoresStayFinite) {
+TEST(Calibration, IsFiniteForSeparableScores) {
   ScoreSample sample;
   sample.genuine = {0.9, 0.9, 0.9};
-  sample.stranger = {0.1, 0.1, 0.1};
-  sample.stranger_person = {0, 1, 2};
+  sample.impostor = {0.1, 0.1, 0.1};
+  sample.impostor_person = {0, 1, 2};
   const auto calibration = fit_calibration(sample, {0, 1, 0, 0});
   EXPECT_NO_THROW(calibration.check());
   EXPECT_TRUE(std::isfinite(calibration.probability(0.5)));
 }
 
-TEST(Calibration, WithoutStrangersThePriorSpeaks) {
+TEST(Calibration, UsesThePriorWithoutImpostorScores) {
   const CalibrationPrior prior{0.2, 0.05, 0.6, 2};
   const auto calibration = fit_calibration({}, prior);
-  EXPECT_EQ(calibration.stranger_people, 0);
+  EXPECT_EQ(calibration.impostor_people, 0);
   EXPECT_NEAR(calibration.location, 0.2, 1e-9);
   EXPECT_NEAR(calibration.scale, 0.05, 1e-9);
   EXPECT_GT(calibration.probability(0.6), calibration.probability(0.3));
   EXPECT_THROW((void)fit_calibration({}, {0, 1, 0, 0}), std::invalid_argument);
 }
 
-TEST(Calibration, RefusesNonsense) {
+TEST(Calibration, RejectsInvalidInput) {
   ScoreSample sample = sample_of(3, 3, 2);
-  sample.stranger[2] = std::numeric_limits<double>::quiet_NaN();
+  sample.impostor[2] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THROW((void)fit_calibration(sample, {}), std::invalid_argument);
   sample = sample_of(3, 3, 2);
-  sample.stranger_person.pop_back();
+  sample.impostor_person.pop_back();
   EXPECT_THROW((void)fit_calibration(sample, {}), std::invalid_argument);
   const auto calibration = fit_calibration(sample_of(3, 3, 2), {});
   EXPECT_THROW((void)calibration.threshold(0, 3), std::invalid_argument);

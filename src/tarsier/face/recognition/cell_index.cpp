@@ -36,15 +36,15 @@ static_assert(std::endian::native == std::endian::little, "files are little-endi
 // from which the centres were learned (64 bits each). Then the cells in order: ids (64 bits each),
 // scales (float32 each), numbers (8 bits, `stride` per template).
 constexpr std::string_view kMagic = "TARSIDX1";
-constexpr std::size_t kDigits = 64;
-constexpr std::size_t kBeforeHead = kMagic.size() + kDigits;
+constexpr std::size_t kSha256Digits = 64;
+constexpr std::size_t kBeforeHead = kMagic.size() + kSha256Digits;
 constexpr int kMaxDimension = 8192;
 constexpr int kMaxCells = 65536;
 constexpr std::int64_t kMaxTemplates = 1'000'000'000;
 constexpr std::size_t kRowBytes = sizeof(std::int64_t) + sizeof(float);  // besides the numbers
 
 struct Head {
-  std::int64_t last;
+  std::int64_t last_id;
   std::int64_t space;
   std::int64_t model;
   std::int64_t templates;
@@ -65,7 +65,7 @@ std::string reason_of(int error) { return std::generic_category().message(error)
 
 // Four interleaved hashes of 8-byte words. Each step is bijective, so that any change of one word
 // changes the sum.
-std::uint64_t sum_of(std::span<const std::uint8_t> bytes) {
+std::uint64_t checksum_of(std::span<const std::uint8_t> bytes) {
   constexpr std::uint64_t kPrime = 0x9E3779B97F4A7C15ULL;
   std::array<std::uint64_t, 4> chain{1, 2, 3, 4};
   std::size_t i = 0;
@@ -199,11 +199,11 @@ void append(std::string& bytes, const Value* values, std::size_t count) {
 struct CellEntry {
   std::int64_t offset;
   std::int64_t count;
-  std::uint64_t sum;
+  std::uint64_t checksum;
 };
 
 std::string head_bytes(const Head& head, const Rows& centres, const std::vector<CellEntry>& cells,
-                       const std::vector<std::int64_t>& learned_from, std::string& sum) {
+                       const std::vector<std::int64_t>& learned_from, std::string& sha256) {
   std::string rest;
   append(rest, &head, 1);
   append(rest, centres.data(), static_cast<std::size_t>(centres.size()));
@@ -211,8 +211,8 @@ std::string head_bytes(const Head& head, const Rows& centres, const std::vector<
   append(rest, learned_from.data(), learned_from.size());
   Sha256 sha;
   sha.add(rest);
-  sum = sha.hex();
-  return std::string(kMagic) + sum + rest;
+  sha256 = sha.hex();
+  return std::string(kMagic) + sha256 + rest;
 }
 
 std::size_t head_size(std::size_t cells, int dimension, std::size_t learned_from) {
@@ -221,7 +221,7 @@ std::size_t head_size(std::size_t cells, int dimension, std::size_t learned_from
          learned_from * sizeof(std::int64_t);
 }
 
-[[noreturn]] void other_templates() {
+[[noreturn]] void throw_inconsistent_source() {
   throw std::invalid_argument("the templates are others at each call");
 }
 
@@ -237,7 +237,7 @@ int cells_for(std::int64_t templates) {
 }
 
 CellIndexReport write_cell_index(const std::string& path, int dimension, std::int64_t count,
-                                 const TemplateSource& source, const CellIndexLabel& label,
+                                 const TemplateSource& source, const CellIndexMetadata& metadata,
                                  const CellIndexOptions& options, Progress& progress,
                                  const std::stop_token& stop) {
   options.check();
@@ -258,13 +258,13 @@ CellIndexReport write_cell_index(const std::string& path, int dimension, std::in
   source(step, [&](std::span<const std::int64_t> ids, const Rows& rows) {
     throw_if_stopped(stop);
     const auto at = static_cast<Eigen::Index>(learned_from.size());
-    if (at + rows.rows() > samples.rows() || rows.cols() != dimension) other_templates();
+    if (at + rows.rows() > samples.rows() || rows.cols() != dimension) throw_inconsistent_source();
     samples.middleRows(at, rows.rows()) = rows;
     learned_from.insert(learned_from.end(), ids.begin(), ids.end());
     progress.advance(rows.rows());
   });
   progress.end();
-  if (static_cast<Eigen::Index>(learned_from.size()) != samples.rows()) other_templates();
+  if (static_cast<Eigen::Index>(learned_from.size()) != samples.rows()) throw_inconsistent_source();
   const Rows centres = learn_centres(samples, cells, options.rounds, progress, stop);
   samples.resize(0, 0);
 
@@ -275,13 +275,13 @@ CellIndexReport write_cell_index(const std::string& path, int dimension, std::in
   progress.begin("assigning", count, "templates");
   source(1, [&](std::span<const std::int64_t>, const Rows& rows) {
     throw_if_stopped(stop);
-    if (at + rows.rows() > count || rows.cols() != dimension) other_templates();
+    if (at + rows.rows() > count || rows.cols() != dimension) throw_inconsistent_source();
     nearest_centres(rows, centres, cell_of.data() + at);
     at += rows.rows();
     progress.advance(rows.rows());
   });
   progress.end();
-  if (at != count) other_templates();
+  if (at != count) throw_inconsistent_source();
   for (const std::uint32_t cell : cell_of) ++sizes[cell];
 
   // Write the cells, as many in each pass as fit into memory.
@@ -311,25 +311,25 @@ CellIndexReport write_cell_index(const std::string& path, int dimension, std::in
           static_cast<std::size_t>(sizes[static_cast<std::size_t>(c)]) * bytes;
     std::vector<std::int64_t> filled(static_cast<std::size_t>(last - first), 0);
     std::vector<std::pair<std::size_t, std::int64_t>>
-        places;  // row in this batch, position in its cell
+        slots;  // row in this batch, position in its cell
     at = 0;
     source(1, [&](std::span<const std::int64_t> ids, const Rows& rows) {
       throw_if_stopped(stop);
-      if (at + rows.rows() > count || rows.cols() != dimension) other_templates();
-      places.clear();
+      if (at + rows.rows() > count || rows.cols() != dimension) throw_inconsistent_source();
+      slots.clear();
       for (Eigen::Index i = 0; i < rows.rows(); ++i) {
         const auto cell = static_cast<int>(cell_of[static_cast<std::size_t>(at + i)]);
         if (cell < first || cell >= last) continue;
-        places.emplace_back(static_cast<std::size_t>(i),
-                            filled[static_cast<std::size_t>(cell - first)]++);
+        slots.emplace_back(static_cast<std::size_t>(i),
+                           filled[static_cast<std::size_t>(cell - first)]++);
       }
-      cv::parallel_for_({0, static_cast<int>(places.size())}, [&](const cv::Range& range) {
+      cv::parallel_for_({0, static_cast<int>(slots.size())}, [&](const cv::Range& range) {
         for (int k = range.start; k < range.end; ++k) {
-          const auto [i, place] = places[static_cast<std::size_t>(k)];
+          const auto [i, slot] = slots[static_cast<std::size_t>(k)];
           const std::size_t cell = cell_of[static_cast<std::size_t>(at) + i];
           const std::size_t own = cell - static_cast<std::size_t>(first);
           const auto size = static_cast<std::size_t>(sizes[cell]);
-          const auto here = static_cast<std::size_t>(place);
+          const auto here = static_cast<std::size_t>(slot);
           std::uint8_t* const base = block.data() + begin[own];
           std::memcpy(base + here * sizeof(std::int64_t), &ids[i], sizeof(std::int64_t));
           const float scale = encode(
@@ -342,24 +342,28 @@ CellIndexReport write_cell_index(const std::string& path, int dimension, std::in
       at += rows.rows();
       progress.advance(rows.rows());
     });
-    if (at != count) other_templates();
+    if (at != count) throw_inconsistent_source();
     for (int c = first; c < last; ++c) {
       throw_if_stopped(stop);
       const auto own = static_cast<std::size_t>(c - first);
       const auto size = begin[own + 1] - begin[own];
       const std::span<const std::uint8_t> cell(block.data() + begin[own], size);
       entries[static_cast<std::size_t>(c)] = {offset, sizes[static_cast<std::size_t>(c)],
-                                              sum_of(cell)};
+                                              checksum_of(cell)};
       file.write(cell);
       offset += static_cast<std::int64_t>(size);
     }
     ++report.passes;
     first = last;
   }
-  const Head head{
-      label.last, label.space, label.model, count, static_cast<std::int64_t>(learned_from.size()),
-      dimension,  cells};
-  file.finish(head_bytes(head, centres, entries, learned_from, report.sum));
+  const Head head{metadata.last_id,
+                  metadata.space,
+                  metadata.model,
+                  count,
+                  static_cast<std::int64_t>(learned_from.size()),
+                  dimension,
+                  cells};
+  file.finish(head_bytes(head, centres, entries, learned_from, report.sha256));
   progress.end();
   report.templates = count;
   report.bytes = offset;
@@ -384,8 +388,8 @@ CellIndex::~CellIndex() {
 CellIndex::CellIndex(CellIndex&& other) noexcept
     : path_(std::move(other.path_)),
       fd_(std::exchange(other.fd_, -1)),
-      label_(other.label_),
-      sum_(std::move(other.sum_)),
+      metadata_(other.metadata_),
+      sha256_(std::move(other.sha256_)),
       templates_(other.templates_),
       dimension_(other.dimension_),
       centres_(std::move(other.centres_)),
@@ -393,7 +397,7 @@ CellIndex::CellIndex(CellIndex&& other) noexcept
       exact_centres_(std::move(other.exact_centres_)),
       cells_(std::move(other.cells_)),
       learned_from_(std::move(other.learned_from_)),
-      seen_(std::move(other.seen_)) {}
+      verified_(std::move(other.verified_)) {}
 
 namespace {
 
@@ -438,11 +442,11 @@ void CellIndex::read_head() {
   if (!read_at(fd_, rest.data(), rest.size(), kBeforeHead)) refuse("is cut off");
   Sha256 sha;
   sha.add(rest);
-  sum_ = sha.hex();
-  if (std::string_view(before.data() + kMagic.size(), kDigits) != sum_ ||
+  sha256_ = sha.hex();
+  if (std::string_view(before.data() + kMagic.size(), kSha256Digits) != sha256_ ||
       std::memcmp(rest.data(), &head, sizeof head) != 0)
     refuse("is damaged: its SHA-256 is another");
-  label_ = {head.last, head.space, head.model};
+  metadata_ = {head.last_id, head.space, head.model};
   templates_ = head.templates;
   dimension_ = head.dimension;
   const char* at = rest.data() + sizeof head;
@@ -465,7 +469,7 @@ void CellIndex::read_head() {
     at += sizeof entry;
     if (entry.offset != offset || entry.count < 0 || entry.count > head.templates)
       refuse("is damaged");
-    cell = {entry.offset, entry.count, entry.sum};
+    cell = {entry.offset, entry.count, entry.checksum};
     offset += entry.count * bytes;
     if (offset > size) refuse("is damaged");
   }
@@ -473,7 +477,7 @@ void CellIndex::read_head() {
   learned_from_.resize(static_cast<std::size_t>(head.learned_from));
   if (!learned_from_.empty())
     std::memcpy(learned_from_.data(), at, learned_from_.size() * sizeof(std::int64_t));
-  seen_ = std::make_unique<std::atomic<bool>[]>(cells);
+  verified_ = std::make_unique<std::atomic<bool>[]>(cells);
 }
 
 void CellIndex::read_cell(std::size_t cell, std::vector<std::uint8_t>& block) const {
@@ -481,9 +485,10 @@ void CellIndex::read_cell(std::size_t cell, std::vector<std::uint8_t>& block) co
   block.resize(static_cast<std::size_t>(entry.count) * row_bytes(dimension_));
   if (!read_at(fd_, block.data(), block.size(), entry.offset))
     throw InputError(path_, "is cut off");
-  if (seen_[cell].load(std::memory_order_relaxed)) return;
-  if (sum_of(block) != entry.sum) throw InputError(path_, "is damaged: a cell's sum is another");
-  seen_[cell].store(true, std::memory_order_relaxed);
+  if (verified_[cell].load(std::memory_order_relaxed)) return;
+  if (checksum_of(block) != entry.checksum)
+    throw InputError(path_, "is damaged: a cell's sum is another");
+  verified_[cell].store(true, std::memory_order_relaxed);
 }
 
 std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probes,
@@ -499,36 +504,37 @@ std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probe
   std::vector<std::int32_t> centre_dots(cells_.size());
   kernels.byte_dots(cells(), static_cast<int>(stride), codes.data(), centres_.data(),
                     centre_dots.data());
-  std::vector<float> likeness(cells_.size());
-  for (std::size_t i = 0; i < likeness.size(); ++i)
-    likeness[i] = centre_scales_[i] * static_cast<float>(centre_dots[i]);
+  std::vector<float> centre_scores(cells_.size());
+  for (std::size_t i = 0; i < centre_scores.size(); ++i)
+    centre_scores[i] = centre_scales_[i] * static_cast<float>(centre_dots[i]);
   std::vector<std::size_t> order(cells_.size());
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
-  const auto looked = std::min(order.size(), static_cast<std::size_t>(probes));
-  std::partial_sort(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(looked), order.end(),
-                    [&](std::size_t a, std::size_t b) {
-                      return likeness[a] != likeness[b] ? likeness[a] > likeness[b] : a < b;
-                    });
+  const auto searched_cells = std::min(order.size(), static_cast<std::size_t>(probes));
+  std::partial_sort(
+      order.begin(), order.begin() + static_cast<std::ptrdiff_t>(searched_cells), order.end(),
+      [&](std::size_t a, std::size_t b) {
+        return centre_scores[a] != centre_scores[b] ? centre_scores[a] > centre_scores[b] : a < b;
+      });
 
   const auto better = [](const Candidate& a, const Candidate& b) {
     return a.score != b.score ? a.score > b.score : a.id < b.id;
   };
-  const auto most = static_cast<std::size_t>(count);
+  const auto max_candidates = static_cast<std::size_t>(count);
   std::vector<Candidate> out;
   std::mutex mutex;
-  // Keeps the best candidates of a set. `least`: score that a candidate needs to be among them.
-  const auto reduce = [&](std::vector<Candidate>& set, float& least) {
-    if (set.size() <= most) return;
-    std::nth_element(set.begin(), set.begin() + static_cast<std::ptrdiff_t>(most) - 1, set.end(),
-                     better);
-    set.resize(most);
-    least = set.back().score;
+  // Keeps the best candidates of a set. `min_score`: score that a candidate needs to be among them.
+  const auto reduce = [&](std::vector<Candidate>& set, float& min_score) {
+    if (set.size() <= max_candidates) return;
+    std::nth_element(set.begin(), set.begin() + static_cast<std::ptrdiff_t>(max_candidates) - 1,
+                     set.end(), better);
+    set.resize(max_candidates);
+    min_score = set.back().score;
   };
-  const auto look = [&](const cv::Range& range) {
+  const auto search_cells = [&](const cv::Range& range) {
     std::vector<std::uint8_t> block;
     std::vector<std::int32_t> dots;
     std::vector<Candidate> own;
-    float least = std::numeric_limits<float>::lowest();
+    float min_score = std::numeric_limits<float>::lowest();
     for (int k = range.start; k < range.end; ++k) {
       const std::size_t cell = order[static_cast<std::size_t>(k)];
       const auto rows = static_cast<std::size_t>(cells_[cell].count);
@@ -543,28 +549,28 @@ std::vector<Candidate> CellIndex::search(std::span<const float> probe, int probe
         float scale = 0;
         std::memcpy(&scale, scales + i * sizeof(float), sizeof scale);
         const float score = own_scale * scale * static_cast<float>(dots[i]);
-        if (!(score >= least)) continue;  // also skips NaN from damaged files
+        if (!(score >= min_score)) continue;  // also skips NaN from damaged files
         Candidate one;
         std::memcpy(&one.id, block.data() + i * sizeof(std::int64_t), sizeof(std::int64_t));
         one.score = score;
         own.push_back(one);
       }
-      reduce(own, least);
+      reduce(own, min_score);
     }
     const std::lock_guard lock(mutex);
     out.insert(out.end(), own.begin(), own.end());
   };
   // Below this number of rows, starting threads takes longer than the search.
-  constexpr std::int64_t kAlone = 16'384;
+  constexpr std::int64_t kMinParallelRows = 16'384;
   std::int64_t rows = 0;
-  for (std::size_t k = 0; k < looked; ++k) rows += cells_[order[k]].count;
-  const cv::Range all(0, static_cast<int>(looked));
-  if (rows <= kAlone)
-    look(all);
+  for (std::size_t k = 0; k < searched_cells; ++k) rows += cells_[order[k]].count;
+  const cv::Range all(0, static_cast<int>(searched_cells));
+  if (rows <= kMinParallelRows)
+    search_cells(all);
   else
-    cv::parallel_for_(all, look);
-  float least = 0;
-  reduce(out, least);
+    cv::parallel_for_(all, search_cells);
+  float min_score = 0;
+  reduce(out, min_score);
   std::sort(out.begin(), out.end(), better);
   return out;
 }
@@ -576,7 +582,7 @@ void CellIndex::each_cell(const std::function<void(std::span<const std::int64_t>
   progress.begin("reading", templates_, "templates");
   for (std::size_t cell = 0; cell < cells_.size(); ++cell) {
     throw_if_stopped(stop);
-    seen_[cell].store(false, std::memory_order_relaxed);
+    verified_[cell].store(false, std::memory_order_relaxed);
     read_cell(cell, block);
     ids.resize(static_cast<std::size_t>(cells_[cell].count));
     if (!ids.empty()) std::memcpy(ids.data(), block.data(), ids.size() * sizeof(std::int64_t));
@@ -587,9 +593,9 @@ void CellIndex::each_cell(const std::function<void(std::span<const std::int64_t>
 }
 
 CellIndexReport CellIndex::write_without(const std::string& path,
-                                         const std::function<bool(std::int64_t id)>& stays,
+                                         const std::function<bool(std::int64_t id)>& is_kept,
                                          const std::stop_token& stop) const {
-  TARSIER_REQUIRE(std::all_of(learned_from_.begin(), learned_from_.end(), stays),
+  TARSIER_REQUIRE(std::all_of(learned_from_.begin(), learned_from_.end(), is_kept),
                   "the centres were learned from one that goes");
   const std::size_t end = head_size(cells_.size(), dimension_, learned_from_.size());
   const std::size_t stride = stride_of(dimension_);
@@ -610,7 +616,7 @@ CellIndexReport CellIndex::write_without(const std::string& path,
     for (std::size_t i = 0; i < count; ++i) {
       std::int64_t id = 0;
       std::memcpy(&id, block.data() + i * sizeof id, sizeof id);
-      if (stays(id)) rows.push_back(i);
+      if (is_kept(id)) rows.push_back(i);
     }
     kept.resize(rows.size() * row_bytes(dimension_));
     std::uint8_t* to = kept.data();
@@ -622,19 +628,19 @@ CellIndexReport CellIndex::write_without(const std::string& path,
       }
       from += count * bytes;
     }
-    entries[cell] = {offset, static_cast<std::int64_t>(rows.size()), sum_of(kept)};
+    entries[cell] = {offset, static_cast<std::int64_t>(rows.size()), checksum_of(kept)};
     file.write(kept);
     offset += static_cast<std::int64_t>(kept.size());
     report.templates += static_cast<std::int64_t>(rows.size());
   }
-  const Head head{label_.last,
-                  label_.space,
-                  label_.model,
+  const Head head{metadata_.last_id,
+                  metadata_.space,
+                  metadata_.model,
                   report.templates,
                   static_cast<std::int64_t>(learned_from_.size()),
                   dimension_,
                   cells()};
-  file.finish(head_bytes(head, exact_centres_, entries, learned_from_, report.sum));
+  file.finish(head_bytes(head, exact_centres_, entries, learned_from_, report.sha256));
   report.bytes = offset;
   return report;
 }

@@ -51,15 +51,15 @@ using TemplateSource = std::function<void(
     const std::function<void(std::span<const std::int64_t> ids, const Rows& rows)>& take)>;
 
 // Metadata that the writer of an index stores in it.
-struct CellIndexLabel {
+struct CellIndexMetadata {
   // All templates with ids up to this one that existed are in the index.
-  std::int64_t last = 0;
+  std::int64_t last_id = 0;
   std::int64_t space = 0;  // of the templates, see people/gallery.h
   std::int64_t model = 0;
 };
 
 struct CellIndexReport {
-  std::string sum;  // SHA-256 of the head, which contains a checksum of each cell
+  std::string sha256;  // SHA-256 of the head, which contains a checksum of each cell
   std::int64_t templates = 0;
   int cells = 0;
   int passes = 0;  // passes over the templates for writing
@@ -73,7 +73,7 @@ struct CellIndexReport {
 // the source gives different templates at each call.
 [[nodiscard]] CellIndexReport write_cell_index(const std::string& path, int dimension,
                                                std::int64_t count, const TemplateSource& source,
-                                               const CellIndexLabel& label,
+                                               const CellIndexMetadata& metadata,
                                                const CellIndexOptions& options, Progress& progress,
                                                const std::stop_token& stop);
 
@@ -94,8 +94,8 @@ class CellIndex {
   CellIndex(CellIndex&& other) noexcept;
   CellIndex& operator=(CellIndex&&) = delete;
 
-  [[nodiscard]] const CellIndexLabel& label() const { return label_; }
-  [[nodiscard]] const std::string& sum() const { return sum_; }
+  [[nodiscard]] const CellIndexMetadata& metadata() const { return metadata_; }
+  [[nodiscard]] const std::string& sha256() const { return sha256_; }
   [[nodiscard]] std::int64_t templates() const { return templates_; }
   [[nodiscard]] int dimension() const { return dimension_; }
   [[nodiscard]] int cells() const { return static_cast<int>(cells_.size()); }
@@ -112,17 +112,17 @@ class CellIndex {
   // InputError, Interrupted. Stage of `progress`: "reading".
   void each_cell(const std::function<void(std::span<const std::int64_t> ids)>& take,
                  Progress& progress, const std::stop_token& stop) const;
-  // Writes the index without those templates for which `stays` is false. Throws as
+  // Writes the index without those templates for which `is_kept` is false. Throws as
   // write_cell_index(), and std::invalid_argument if the centres were learned from one of them.
   [[nodiscard]] CellIndexReport write_without(const std::string& path,
-                                              const std::function<bool(std::int64_t id)>& stays,
+                                              const std::function<bool(std::int64_t id)>& is_kept,
                                               const std::stop_token& stop) const;
 
  private:
   struct Cell {
     std::int64_t offset = 0;  // in the file
     std::int64_t count = 0;
-    std::uint64_t sum = 0;
+    std::uint64_t checksum = 0;
   };
   friend class CellIndexWriter;
   void read_head();
@@ -130,8 +130,8 @@ class CellIndex {
 
   std::string path_;
   int fd_ = -1;
-  CellIndexLabel label_;
-  std::string sum_;
+  CellIndexMetadata metadata_;
+  std::string sha256_;
   std::int64_t templates_ = 0;
   int dimension_ = 0;
   std::vector<std::int8_t> centres_;  // `stride` each
@@ -139,7 +139,7 @@ class CellIndex {
   Rows exact_centres_;
   std::vector<Cell> cells_;
   std::vector<std::int64_t> learned_from_;
-  mutable std::unique_ptr<std::atomic<bool>[]> seen_;  // cells whose checksum was verified
+  mutable std::unique_ptr<std::atomic<bool>[]> verified_;  // cells whose checksum was verified
 };
 
 }  // namespace tarsier::face::recognition

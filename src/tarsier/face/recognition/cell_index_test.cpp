@@ -26,7 +26,7 @@ constexpr int kDimension = 40;
 constexpr int kImages = 3;
 
 // People with `kImages` templates each, of length 1.
-Rows drawn(int people, std::uint64_t seed = 1) {
+Rows random_templates(int people, std::uint64_t seed = 1) {
   Rows rows(people * kImages, kDimension);
   for (int p = 0; p < people; ++p) {
     Rng person(seed + static_cast<std::uint64_t>(p));
@@ -76,7 +76,7 @@ class CellIndexTest : public FolderTest {
   NoProgress progress_;
 };
 
-TEST(ByteDots, AreTheSameWithEveryInstructionSet) {
+TEST(ByteDots, AgreeForAllInstructionSets) {
   constexpr int kLength = 3 * linalg::kByteStep;
   Rng rng(5);
   std::vector<std::int8_t> a(kLength);
@@ -98,16 +98,16 @@ TEST(ByteDots, AreTheSameWithEveryInstructionSet) {
   }
 }
 
-TEST_F(CellIndexTest, FindsWhatItWasMadeOf) {
-  const Rows rows = drawn(500);
+TEST_F(CellIndexTest, FindsIndexedTemplates) {
+  const Rows rows = random_templates(500);
   const CellIndexReport report = write(rows, path("i"));
   EXPECT_EQ(report.templates, 1500);
   EXPECT_EQ(report.passes, 1);
   const CellIndex index(path("i"));
-  EXPECT_EQ(index.sum(), report.sum);
-  EXPECT_EQ(index.label().last, 15000);
-  EXPECT_EQ(index.label().space, -7);
-  EXPECT_EQ(index.label().model, 3);
+  EXPECT_EQ(index.sha256(), report.sha256);
+  EXPECT_EQ(index.metadata().last_id, 15000);
+  EXPECT_EQ(index.metadata().space, -7);
+  EXPECT_EQ(index.metadata().model, 3);
   EXPECT_EQ(index.templates(), 1500);
   int found = 0;
   for (Eigen::Index i = 0; i < rows.rows(); ++i) {
@@ -122,11 +122,11 @@ TEST_F(CellIndexTest, FindsWhatItWasMadeOf) {
   EXPECT_GT(found, 2 * 1500 * 0.95);
 }
 
-TEST_F(CellIndexTest, AllCellsAreAsGoodAsAnExactSearch) {
-  const Rows rows = drawn(300);
+TEST_F(CellIndexTest, SearchOfAllCellsEqualsAnExhaustiveSearch) {
+  const Rows rows = random_templates(300);
   (void)write(rows, path("i"));
   const CellIndex index(path("i"));
-  const Rows probes = drawn(40, 900);
+  const Rows probes = random_templates(40, 900);
   for (Eigen::Index i = 0; i < probes.rows(); ++i) {
     Eigen::Index best = 0;
     (rows * probes.row(i).transpose()).maxCoeff(&best);
@@ -136,41 +136,41 @@ TEST_F(CellIndexTest, AllCellsAreAsGoodAsAnExactSearch) {
   }
 }
 
-TEST_F(CellIndexTest, TheFileDependsNeitherOnThreadsNorOnPasses) {
-  const Rows rows = drawn(400);
+TEST_F(CellIndexTest, FileDoesNotDependOnThreadsAndPasses) {
+  const Rows rows = random_templates(400);
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
   const CellIndexReport one = write(rows, path("one"));
   cv::setNumThreads(4);
   (void)write(rows, path("four"));
-  CellIndexOptions little;
-  little.memory_gb = 0.01;
+  CellIndexOptions small_memory;
+  small_memory.memory_gb = 0.01;
   Rows many(0, 0);
   EXPECT_EQ(contents(path("one")), contents(path("four")));
   // 120 000 templates of 76 bytes are more than 10 MB in two passes.
-  const Rows large = drawn(60'000);
+  const Rows large = random_templates(60'000);
   const CellIndexReport whole = write(large, path("whole"), {.cells = 64, .rounds = 1});
-  little.cells = 64;
-  little.rounds = 1;
-  const CellIndexReport pieces = write(large, path("pieces"), little);
+  small_memory.cells = 64;
+  small_memory.rounds = 1;
+  const CellIndexReport pieces = write(large, path("pieces"), small_memory);
   cv::setNumThreads(threads);
   EXPECT_EQ(whole.passes, 1);
   EXPECT_GT(pieces.passes, 1);
   EXPECT_EQ(contents(path("whole")), contents(path("pieces")));
-  EXPECT_THAT(one.sum, SizeIs(64));
+  EXPECT_THAT(one.sha256, SizeIs(64));
 }
 
-TEST_F(CellIndexTest, WhatIsTakenOutIsGone) {
-  const Rows rows = drawn(500);
+TEST_F(CellIndexTest, WriteWithoutRemovesTemplates) {
+  const Rows rows = random_templates(500);
   const CellIndexReport whole = write(rows, path("i"), {.learn_from = 1});
   const CellIndex index(path("i"));
   const std::vector<std::int64_t>& learned = index.learned_from();
   std::int64_t gone = 20;
   while (std::binary_search(learned.begin(), learned.end(), gone)) gone += 10;
-  const auto stays = [&](std::int64_t id) { return id != gone; };
-  const CellIndexReport less = index.write_without(path("less"), stays, {});
+  const auto is_kept = [&](std::int64_t id) { return id != gone; };
+  const CellIndexReport less = index.write_without(path("less"), is_kept, {});
   EXPECT_EQ(less.templates, whole.templates - 1);
-  EXPECT_NE(less.sum, whole.sum);
+  EXPECT_NE(less.sha256, whole.sha256);
   const CellIndex other(path("less"));
   std::set<std::int64_t> ids;
   other.each_cell([&](std::span<const std::int64_t> cell) { ids.insert(cell.begin(), cell.end()); },
@@ -183,8 +183,8 @@ TEST_F(CellIndexTest, WhatIsTakenOutIsGone) {
       std::invalid_argument);
 }
 
-TEST_F(CellIndexTest, DamagedFilesAreRefused) {
-  const Rows rows = drawn(60);
+TEST_F(CellIndexTest, RejectsDamagedFiles) {
+  const Rows rows = random_templates(60);
   (void)write(rows, path("i"));
   const std::string whole = contents(path("i"));
   const auto put = [&](const std::string& bytes) {
@@ -222,8 +222,8 @@ TEST_F(CellIndexTest, DamagedFilesAreRefused) {
   }
 }
 
-TEST_F(CellIndexTest, ASourceThatChangesIsNoticed) {
-  const Rows rows = drawn(60);
+TEST_F(CellIndexTest, RejectsAnInconsistentSource) {
+  const Rows rows = random_templates(60);
   int calls = 0;
   const TemplateSource changing = [&](std::int64_t step, const auto& take) {
     ++calls;
@@ -237,7 +237,7 @@ TEST_F(CellIndexTest, ASourceThatChangesIsNoticed) {
 }
 
 TEST_F(CellIndexTest, CanBeInterrupted) {
-  const Rows rows = drawn(60);
+  const Rows rows = random_templates(60);
   std::stop_source stop;
   stop.request_stop();
   EXPECT_THROW((void)write_cell_index(path("i"), kDimension, rows.rows(), source_of(rows), {}, {},
@@ -245,7 +245,7 @@ TEST_F(CellIndexTest, CanBeInterrupted) {
                Interrupted);
 }
 
-TEST(CellIndexOptionsTest, CellsGrowWithTheTemplates) {
+TEST(CellIndexOptionsTest, CellCountGrowsWithTemplates) {
   EXPECT_EQ(cells_for(0), 16);
   EXPECT_EQ(cells_for(10'000'000), 8192);
   EXPECT_EQ(cells_for(1'000'000'000'000), 65536);

@@ -40,11 +40,10 @@ linalg::Layer layer_of(linalg::TensorReader& tensors, const std::string& prefix,
   const auto out = static_cast<std::size_t>(layer.out);
   const auto in = static_cast<std::size_t>(layer.in);
   const auto window = static_cast<std::size_t>(kernel) * static_cast<std::size_t>(kernel);
-  for (std::size_t place = 0; place < window; ++place)
+  for (std::size_t tap = 0; tap < window; ++tap)
     for (std::size_t i = 0; i < in; ++i)
       for (std::size_t o = 0; o < out; ++o)
-        layer.weights[(o * in + i) * window + place] =
-            scale[o] * filters[(place * in + i) * out + o];
+        layer.weights[(o * in + i) * window + tap] = scale[o] * filters[(tap * in + i) * out + o];
   for (std::size_t o = 0; o < out; ++o) layer.bias[o] = scale[o] * bias[o] + shift[o];
   return layer;
 }
@@ -121,7 +120,7 @@ cv::Mat chip_of_crop(const cv::Mat& crop) {
   constexpr double kEyeY = 0.34;
   constexpr double kAspect = 1.25;  // height / width of the crop
   cv::Mat source;                   // never the crop's own pixels: the caller still uses them
-  const double scale = kChipEyes / ((1 - 2 * kEyeX) * crop.cols);
+  const double scale = kChipEyeDistance / ((1 - 2 * kEyeX) * crop.cols);
   // Also for crops with another aspect.
   const double scale_y = scale * kAspect * crop.cols / crop.rows;
   if (scale < 0.6)
@@ -132,8 +131,8 @@ cv::Mat chip_of_crop(const cv::Mat& crop) {
   const double left = kEyeX * crop.cols - 0.5;
   const double line = kEyeY * crop.rows - 0.5;
   const cv::Mat map =
-      (cv::Mat_<double>(2, 3) << scale, 0, (kChipSize - kChipEyes) / 2 - 0.5 - scale * left, 0,
-       scale_y, kEyeLine - 0.5 - scale_y * line);
+      (cv::Mat_<double>(2, 3) << scale, 0, (kChipSize - kChipEyeDistance) / 2 - 0.5 - scale * left,
+       0, scale_y, kEyeLine - 0.5 - scale_y * line);
   cv::Mat chip;
   cv::warpAffine(source, chip, map, {kChipSize, kChipSize}, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   cv::cvtColor(chip, chip, cv::COLOR_GRAY2BGR);

@@ -20,7 +20,7 @@ namespace tarsier::face::recognition {
 
 // Side of the network's input image (chip), px.
 inline constexpr int kChipSize = 150;
-inline constexpr double kChipEyes = 53;  // px between the centres of the eyes
+inline constexpr double kChipEyeDistance = 53;  // px between the centres of the eyes
 
 using DeepTensor = linalg::NamedTensor;
 using DeepWeights = linalg::NamedTensors;
@@ -61,9 +61,9 @@ void write_deep_weights(const std::string& path, const DeepWeights& weights,
 [[nodiscard]] DeepNetwork read_deep_network(const std::string& path);
 
 // The chip of a face that is cropped as in people/eyes.h (CV_8UC1 of any size, the eyes at 0.27 and
-// 0.73 of the width, 0.34 of the height). The result is CV_8UC3 with the eyes kChipEyes px apart,
-// as in the training of dlib's network. Missing parts at the sides are filled by replicating the
-// border.
+// 0.73 of the width, 0.34 of the height). The result is CV_8UC3 with the eyes kChipEyeDistance px
+// apart, as in the training of dlib's network. Missing parts at the sides are filled by replicating
+// the border.
 [[nodiscard]] cv::Mat chip_of_crop(const cv::Mat& crop);
 
 // The embedding of a chip, CV_8UC3 (BGR) of kChipSize x kChipSize. Not normalised. Thread-safe.

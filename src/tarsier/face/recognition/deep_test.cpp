@@ -57,7 +57,7 @@ class DeepFile : public FolderTest {
   }
 };
 
-TEST_F(DeepFile, OfAManifestIsTheNetworkOfItsWeights) {
+TEST_F(DeepFile, ManifestGivesTheNetworkOfItsWeights) {
   const DeepWeights weights = tiny_deep_weights(1);
   const DeepNetwork expected = build_deep_network(weights, "made up");
   const DeepNetwork read = build_deep_network(read_weights_manifest(manifest()), manifest());
@@ -68,7 +68,7 @@ TEST_F(DeepFile, OfAManifestIsTheNetworkOfItsWeights) {
   EXPECT_THAT(shards_of_manifest(manifest()), testing::ElementsAre("tiny.bin"));
 }
 
-TEST_F(DeepFile, WrittenAndReadIsTheSameNetwork) {
+TEST_F(DeepFile, RoundTripKeepsTheNetwork) {
   const DeepWeights weights = read_weights_manifest(manifest());
   write_deep_weights(path("model.json"), weights, {{"terms", "none"}});
   const DeepNetwork read = read_deep_network(path("model.json"));
@@ -78,7 +78,7 @@ TEST_F(DeepFile, WrittenAndReadIsTheSameNetwork) {
   EXPECT_EQ(embed(read, chip), embed(expected, chip));
 }
 
-TEST_F(DeepFile, AShardThatEndsTooSoonIsRefused) {
+TEST_F(DeepFile, RejectsShardsOfWrongLength) {
   const std::string bytes = contents(path("tiny.bin"));
   std::ofstream(path("tiny.bin"), std::ios::binary) << bytes.substr(0, bytes.size() - 1);
   EXPECT_THAT(refusal_of(manifest()), HasSubstr("its shards end within 'fc'"));
@@ -88,7 +88,7 @@ TEST_F(DeepFile, AShardThatEndsTooSoonIsRefused) {
   EXPECT_THROW((void)read_weights_manifest(manifest()), InputError);
 }
 
-TEST_F(DeepFile, AHostileManifestIsRefused) {
+TEST_F(DeepFile, RejectsMaliciousManifests) {
   EXPECT_THAT(refusal([](json& m) { m = json::object(); }), HasSubstr("a list is expected"));
   EXPECT_THAT(refusal([](json& m) { m[0].erase("paths"); }), HasSubstr("'paths'"));
   for (const char* name : {"../tiny.bin", "/etc/passwd", ".hidden", "", "a/b"})
@@ -113,7 +113,7 @@ TEST_F(DeepFile, AHostileManifestIsRefused) {
   EXPECT_THAT(refusal([&](json& m) { first(m)["shape"] = {7, 7, 4, 3}; }), HasSubstr("bad.json"));
 }
 
-TEST_F(DeepFile, AFileOfAnotherTypeOrTruncatedIsRefused) {
+TEST_F(DeepFile, RejectsOtherAndTruncatedFiles) {
   write_deep_weights(path("model.json"), tiny_deep_weights(1), json::object());
   const std::string text = contents(path("model.json"));
   std::ofstream(path("half.json")) << text.substr(0, text.size() / 2);
@@ -145,7 +145,7 @@ TEST(Deep, ScaleLayersAreFoldedIntoTheConvolutions) {
   for (std::size_t i = 0; i < after.size(); ++i) EXPECT_NEAR(after[i], before[i], 1e-4);
 }
 
-TEST(Deep, ColoursAndPlacesMatter) {
+TEST(Deep, EmbeddingDependsOnColourAndPosition) {
   const DeepNetwork network = build_deep_network(tiny_deep_weights(6), "made up");
   const cv::Mat chip = noise_chip(7);
   const std::vector<float> plain = embed(network, chip);
@@ -162,7 +162,7 @@ TEST(Deep, ColoursAndPlacesMatter) {
                std::invalid_argument);
 }
 
-TEST(Deep, ThreadsChangeNothing) {
+TEST(Deep, DoesNotDependOnTheThread) {
   const DeepNetwork network = build_deep_network(tiny_deep_weights(8), "made up");
   const cv::Mat chip = noise_chip(9);
   const std::vector<float> here = embed(network, chip);
@@ -188,7 +188,7 @@ RecognizerOptions deep_options() {
   return options;
 }
 
-TEST(DeepRecognizer, NamesTheFacesThatItWasTrainedOn) {
+TEST(DeepRecognizer, IdentifiesItsTrainingFaces) {
   const Background background = tiny_background(1);
   // Little variation of light: an untrained network gives nearly the same template for all images
   // of a person.
@@ -205,7 +205,7 @@ TEST(DeepRecognizer, NamesTheFacesThatItWasTrainedOn) {
   }
 }
 
-TEST(DeepRecognizer, OfFacesAndOfTheirCoordinatesIsTheSame) {
+TEST(DeepRecognizer, FacesAndCoordinatesGiveTheSameModel) {
   const Background background = tiny_background(1);
   const SyntheticFaces set = synthetic_faces(3, 2, 0.2, 1, 0, {128, 160});
   Rows coordinates(static_cast<Eigen::Index>(set.faces.size()), coordinate_count(background));
@@ -225,7 +225,7 @@ TEST(DeepRecognizer, OfFacesAndOfTheirCoordinatesIsTheSame) {
     EXPECT_NEAR(made(3, k), probe[static_cast<std::size_t>(k)], 1e-4);
 }
 
-TEST(DeepRecognizer, NeedsItsNetworkWhereAFaceIsSeen) {
+TEST(DeepRecognizer, RequiresItsNetworkForFaces) {
   Background background = tiny_background(1);
   const SyntheticFaces set = synthetic_faces(2, 2, 0.2, 1, 0, {128, 160});
   NoProgress quiet;
@@ -249,13 +249,14 @@ TEST(DeepRecognizer, CoordinatesOfTwoNetworksDiffer) {
   EXPECT_NE(fingerprint(background), fingerprint(other));
 }
 
-TEST_F(DeepFile, ABackgroundRemembersItsNetwork) {
+TEST_F(DeepFile, BackgroundStoresItsNetworkFingerprint) {
   const Background background = tiny_background(1);
   write_background(path("background.json"), background, json::object());
-  EXPECT_EQ(read_background(path("background.json")).of_network, background.network->fingerprint);
+  EXPECT_EQ(read_background(path("background.json")).network_fingerprint,
+            background.network->fingerprint);
 }
 
-TEST(Deep, TheChipOfACutHasItsEyesWhereTheNetworkLearnedThem) {
+TEST(Deep, ChipHasItsEyesAtTheTrainedPositions) {
   for (const cv::Size size : {cv::Size(128, 160), cv::Size(64, 80), cv::Size(400, 500)}) {
     cv::Mat crop(size, CV_8UC1, cv::Scalar(200));
     for (const double x : {0.27, 0.73}) {
@@ -266,7 +267,7 @@ TEST(Deep, TheChipOfACutHasItsEyesWhereTheNetworkLearnedThem) {
     const cv::Mat chip = chip_of_crop(crop);
     ASSERT_EQ(chip.type(), CV_8UC3);
     EXPECT_EQ(cv::norm(crop, before), 0) << "the crop is somebody else's";
-    for (const double x : {75 - kChipEyes / 2, 75 + kChipEyes / 2}) {
+    for (const double x : {75 - kChipEyeDistance / 2, 75 + kChipEyeDistance / 2}) {
       cv::Point2d sum;
       double weight = 0;
       for (int row = 30; row < 62; ++row)

@@ -48,11 +48,11 @@ std::vector<int> permutation(int n, std::mt19937& generator) {
 // For each person, whether he or she is enrolled: `enrolled` of `people` at random, 0: all.
 std::vector<bool> choose_people(std::size_t people, std::uint64_t seed, int enrolled) {
   std::vector<bool> out(people, true);
-  const auto first_stranger = static_cast<std::size_t>(std::max(0, enrolled));
-  if (first_stranger == 0 || first_stranger >= people) return out;
+  const auto enrolled_count = static_cast<std::size_t>(std::max(0, enrolled));
+  if (enrolled_count == 0 || enrolled_count >= people) return out;
   std::mt19937 generator(static_cast<std::uint32_t>(seed + 1000));
   const auto order = permutation(static_cast<int>(people), generator);
-  for (std::size_t i = first_stranger; i < order.size(); ++i)
+  for (std::size_t i = enrolled_count; i < order.size(); ++i)
     out[static_cast<std::size_t>(order[i])] = false;
   return out;
 }
@@ -108,7 +108,7 @@ Run run(const std::vector<cv::Mat>& faces, const Rows& coordinates,
       result.known = true;
       result.rank = static_cast<int>(r) + 1;
     }
-    result.right = result.rank == 1;
+    result.correct = result.rank == 1;
     out.results.push_back(result);
   }
   if (!split.probes.empty())
@@ -116,7 +116,7 @@ Run run(const std::vector<cv::Mat>& faces, const Rows& coordinates,
   return out;
 }
 
-std::pair<std::vector<double>, std::vector<double>> open_scores(
+std::pair<std::vector<double>, std::vector<double>> genuine_and_impostor_scores(
     const std::vector<ProbeResult>& results) {
   std::pair<std::vector<double>, std::vector<double>> out;
   for (const auto& result : results)
@@ -242,13 +242,13 @@ Split split_of_gallery(const std::vector<std::string>& labels, int gallery, std:
   return split;
 }
 
-AcceptRates accept_rates(std::vector<double> known, std::vector<double> strangers, double rate) {
-  TARSIER_REQUIRE(!known.empty() && !strangers.empty(), "{} known, {} strangers", known.size(),
-                  strangers.size());
-  std::sort(known.begin(), known.end());
-  std::sort(strangers.begin(), strangers.end());
-  std::vector<double> thresholds = known;
-  thresholds.insert(thresholds.end(), strangers.begin(), strangers.end());
+AcceptRates accept_rates(std::vector<double> genuine, std::vector<double> impostor, double rate) {
+  TARSIER_REQUIRE(!genuine.empty() && !impostor.empty(), "{} known, {} strangers", genuine.size(),
+                  impostor.size());
+  std::sort(genuine.begin(), genuine.end());
+  std::sort(impostor.begin(), impostor.end());
+  std::vector<double> thresholds = genuine;
+  thresholds.insert(thresholds.end(), impostor.begin(), impostor.end());
   thresholds.push_back(std::numeric_limits<double>::infinity());
   std::sort(thresholds.begin(), thresholds.end());
   thresholds.erase(std::unique(thresholds.begin(), thresholds.end()), thresholds.end());
@@ -256,24 +256,24 @@ AcceptRates accept_rates(std::vector<double> known, std::vector<double> stranger
   bool found = false;
   double closest = 2;
   for (const double threshold : thresholds) {
-    const double tar = share_from(known, threshold);
-    const double far = share_from(strangers, threshold);
+    const double tar = share_from(genuine, threshold);
+    const double far = share_from(impostor, threshold);
     if (!found && far <= rate) {
       found = true;
       out.threshold = threshold;
-      out.true_accepts = tar;
+      out.true_accept_rate = tar;
     }
     if (std::abs(1 - tar - far) < closest) {
       closest = std::abs(1 - tar - far);
-      out.equal_error = (1 - tar + far) / 2;
+      out.equal_error_rate = (1 - tar + far) / 2;
     }
   }
-  for (const double score : known) {
-    const auto below = std::lower_bound(strangers.begin(), strangers.end(), score);
-    const auto to = std::upper_bound(strangers.begin(), strangers.end(), score);
-    out.area += (static_cast<double>(below - strangers.begin()) +
-                 static_cast<double>(to - strangers.begin())) /
-                2 / static_cast<double>(strangers.size()) / static_cast<double>(known.size());
+  for (const double score : genuine) {
+    const auto below = std::lower_bound(impostor.begin(), impostor.end(), score);
+    const auto to = std::upper_bound(impostor.begin(), impostor.end(), score);
+    out.auc += (static_cast<double>(below - impostor.begin()) +
+                static_cast<double>(to - impostor.begin())) /
+               2 / static_cast<double>(impostor.size()) / static_cast<double>(genuine.size());
   }
   return out;
 }
@@ -289,7 +289,7 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
   TARSIER_REQUIRE(faces.size() == labels.size(), "{} faces, {} labels", faces.size(),
                   labels.size());
   const int people = count_people(labels);
-  if (options.strangers) {
+  if (options.open_set) {
     if (people < 2) throw std::invalid_argument("strangers need at least two people in the list");
     if (options.enrolled >= people)
       throw std::invalid_argument(std::to_string(options.enrolled) + " enrolled of " +
@@ -322,8 +322,8 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
                  static_cast<std::int64_t>(options.seeds.size()), "splits");
   const auto any = [](const ProbeResult&) { return true; };
   const auto known = [](const ProbeResult& r) { return r.known; };
-  const auto stranger = [](const ProbeResult& r) { return !r.known; };
-  const auto is_right = [](const ProbeResult& r) { return r.right; };
+  const auto unknown = [](const ProbeResult& r) { return !r.known; };
+  const auto is_correct = [](const ProbeResult& r) { return r.correct; };
   const auto may_train = [&](int face) {
     return options.may_train.empty() || options.may_train[static_cast<std::size_t>(face)];
   };
@@ -357,45 +357,45 @@ EvaluationResult evaluate(const std::vector<cv::Mat>& faces, const std::vector<s
     result.train_seconds = first.train_seconds;
     result.identify_ms = first.identify_ms + describe_ms;
     const std::vector<ProbeResult> uncertain = take_uncertain(first.results);
-    result.closed = std::move(first.results);
-    result.probes = static_cast<int>(result.closed.size());
-    result.uncertain_identified = count_of(uncertain, any, is_right);
-    result.identified = count_of(result.closed, any, is_right);
+    result.closed_set = std::move(first.results);
+    result.probes = static_cast<int>(result.closed_set.size());
+    result.uncertain_identified = count_of(uncertain, any, is_correct);
+    result.identified = count_of(result.closed_set, any, is_correct);
     result.accuracy = share(result.identified);
-    if (options.strangers) {
+    if (options.open_set) {
       const int enrolled = options.enrolled > 0 ? options.enrolled : people / 2;
       Run second =
           run(faces, coordinates, labels, split(seed, enrolled), recognizer, background, stop);
       const std::vector<ProbeResult> uncertain_open = take_uncertain(second.results);
-      result.open = std::move(second.results);
-      auto [of_known, of_strangers] = open_scores(result.open);
-      result.known_probes = static_cast<int>(of_known.size());
-      result.stranger_probes = static_cast<int>(of_strangers.size());
-      if (!of_known.empty() && !of_strangers.empty()) {
-        const auto rates = accept_rates(of_known, of_strangers, options.false_accepts);
+      result.open_set = std::move(second.results);
+      auto [genuine, impostor] = genuine_and_impostor_scores(result.open_set);
+      result.known_probes = static_cast<int>(genuine.size());
+      result.unknown_probes = static_cast<int>(impostor.size());
+      if (!genuine.empty() && !impostor.empty()) {
+        const auto rates = accept_rates(genuine, impostor, options.false_accepts);
         const auto above = [&](const ProbeResult& r) { return r.score >= rates.threshold; };
-        result.true_accepts = rates.true_accepts;
-        result.equal_error = rates.equal_error;
-        result.area = rates.area;
-        result.true_count = count_of(result.open, known, above);
-        result.right_count =
-            count_of(result.open, known, [&](const ProbeResult& r) { return r.right && above(r); });
-        result.right_accepts = share(result.right_count);
+        result.true_accept_rate = rates.true_accept_rate;
+        result.equal_error_rate = rates.equal_error_rate;
+        result.auc = rates.auc;
+        result.true_accept_count = count_of(result.open_set, known, above);
+        result.correct_accept_count = count_of(
+            result.open_set, known, [&](const ProbeResult& r) { return r.correct && above(r); });
+        result.correct_accept_rate = share(result.correct_accept_count);
       }
       result.calibrated = second.model.calibration.has_value();
       if (result.calibrated) {
         const double threshold = second.model.calibration->threshold(
             options.stated_rate, static_cast<int>(second.model.labels.size()));
         const auto above = [&](const ProbeResult& r) { return r.score >= threshold; };
-        result.stated_true_count = count_of(result.open, known, above);
-        result.stated_right_count =
-            count_of(result.open, known, [&](const ProbeResult& r) { return r.right && above(r); });
-        result.stated_false_count = count_of(result.open, stranger, above);
-        result.uncertain_true_count = count_of(uncertain_open, known, above);
-        result.uncertain_false_count = count_of(uncertain_open, stranger, above);
-        result.stated_true = share(result.stated_true_count);
-        result.stated_right = share(result.stated_right_count);
-        result.stated_false = share(result.stated_false_count);
+        result.calibrated_true_accept_count = count_of(result.open_set, known, above);
+        result.calibrated_correct_accept_count = count_of(
+            result.open_set, known, [&](const ProbeResult& r) { return r.correct && above(r); });
+        result.calibrated_false_accept_count = count_of(result.open_set, unknown, above);
+        result.uncertain_true_accept_count = count_of(uncertain_open, known, above);
+        result.uncertain_false_accept_count = count_of(uncertain_open, unknown, above);
+        result.calibrated_true_accept_rate = share(result.calibrated_true_accept_count);
+        result.calibrated_correct_accept_rate = share(result.calibrated_correct_accept_count);
+        result.calibrated_false_accept_rate = share(result.calibrated_false_accept_count);
       }
     }
     out.seeds.push_back(std::move(result));

@@ -39,8 +39,8 @@ struct EvaluationOptions {
   // For each face, whether it may be in the training set; empty: all may. Probes that may not are
   // counted separately.
   std::vector<bool> may_train;
-  bool strangers = true;  // evaluate also with only some of the people enrolled
-  int enrolled = 0;       // number of enrolled people for this; 0: half, rounded down
+  bool open_set = true;  // evaluate also with only some of the people enrolled
+  int enrolled = 0;      // number of enrolled people for this; 0: half, rounded down
   // False accept rate at which true accepts are counted. The threshold is chosen on the evaluated
   // scores themselves. So it shows how well the scores separate people; no user has that threshold
   // beforehand.
@@ -82,10 +82,10 @@ struct Split {
 // The result of one probe.
 struct ProbeResult {
   int face = 0;
-  bool known = false;  // whether the person is enrolled
-  bool right = false;  // whether the best label is right
-  double score = 0;    // of the best label
-  int rank = 0;        // of the right person among all, from 1; 0: person not enrolled
+  bool known = false;    // whether the person is enrolled
+  bool correct = false;  // whether the best label is right
+  double score = 0;      // of the best label
+  int rank = 0;          // of the right person among all, from 1; 0: person not enrolled
 };
 
 // Number of hits among a number of trials.
@@ -111,35 +111,36 @@ struct SeedResult {
   int training = 0;  // images
   int probes = 0;
   double accuracy = 0;  // share of probes whose best label is right; all people enrolled
-  // With only some of the people enrolled (`strangers`); negative otherwise:
+  // With only some of the people enrolled (`open_set`); negative otherwise:
   // Share of known probes above the threshold that at most `false_accepts` of the strangers reach.
-  double true_accepts = -1;
-  double right_accepts = -1;  // the same, and with the right label (DIR)
-  double equal_error = -1;    // EER
-  double area = -1;           // under the ROC
+  double true_accept_rate = -1;
+  double correct_accept_rate = -1;  // the same, and with the right label (DIR)
+  double equal_error_rate = -1;     // EER
+  double auc = -1;                  // area under the ROC curve
   // Share of known probes above the model's own threshold for `stated_rate`.
-  double stated_true = -1;
-  double stated_right = -1;  // the same, and with the right label
-  double stated_false = -1;  // share of strangers above that threshold; compare with `stated_rate`
+  double calibrated_true_accept_rate = -1;
+  double calibrated_correct_accept_rate = -1;  // the same, and with the right label
+  double calibrated_false_accept_rate =
+      -1;  // share of strangers above that threshold; compare with `stated_rate`
   int known_probes = 0;
-  int stranger_probes = 0;
+  int unknown_probes = 0;
   bool calibrated = false;  // whether the model has its own threshold
   // The same rates as counts.
   Count identified;
-  Count true_count;
-  Count right_count;
-  Count stated_true_count;
-  Count stated_right_count;
-  Count stated_false_count;
+  Count true_accept_count;
+  Count correct_accept_count;
+  Count calibrated_true_accept_count;
+  Count calibrated_correct_accept_count;
+  Count calibrated_false_accept_count;
   // The same for probes that may not train (EvaluationOptions::may_train). These probes are not
-  // part of any other figure, nor of `probes`, `closed` and `open`.
+  // part of any other figure, nor of `probes`, `closed_set` and `open_set`.
   Count uncertain_identified;
-  Count uncertain_true_count;
-  Count uncertain_false_count;
+  Count uncertain_true_accept_count;
+  Count uncertain_false_accept_count;
   double train_seconds = 0;
-  double identify_ms = 0;  // mean time per probe, including its description
-  std::vector<ProbeResult> closed;
-  std::vector<ProbeResult> open;
+  double identify_ms = 0;               // mean time per probe, including its description
+  std::vector<ProbeResult> closed_set;  // all people enrolled
+  std::vector<ProbeResult> open_set;    // only some of the people enrolled
 };
 
 struct EvaluationResult {
@@ -151,7 +152,7 @@ struct EvaluationResult {
 
   // Rates and times: means over the seeds. Counts, also of probes: sums.
   [[nodiscard]] SeedResult mean() const;
-  // The rate over all seeds, e.g. rate(&SeedResult::stated_false_count).
+  // The rate over all seeds, e.g. rate(&SeedResult::calibrated_false_accept_count).
   [[nodiscard]] Rate rate(Count SeedResult::*count) const;
 };
 
@@ -173,19 +174,19 @@ struct Curve {
 };
 // Cumulative match: rank (from 1) -> share of closed probes whose person has this rank or a better
 // one.
-[[nodiscard]] Curve match_curve(const EvaluationResult& result);
+[[nodiscard]] Curve cmc_curve(const EvaluationResult& result);
 // False accept rate -> true accept rate, one point for each distinct score.
-[[nodiscard]] Curve accept_curve(const EvaluationResult& result);
+[[nodiscard]] Curve roc_curve(const EvaluationResult& result);
 
 // Rates from the scores of known people and of strangers. The threshold is the lowest score that at
 // most `rate` of the strangers reach (score >= threshold).
 struct AcceptRates {
   double threshold = 0;
-  double true_accepts = 0;
-  double equal_error = 0;
-  double area = 0;
+  double true_accept_rate = 0;
+  double equal_error_rate = 0;
+  double auc = 0;
 };
-[[nodiscard]] AcceptRates accept_rates(std::vector<double> known, std::vector<double> strangers,
+[[nodiscard]] AcceptRates accept_rates(std::vector<double> genuine, std::vector<double> impostor,
                                        double rate);
 
 // Columns "algorithm,training,seed,people,probes,identified,accuracy,..": a line for each seed and
@@ -194,11 +195,9 @@ struct AcceptRates {
 // gallery's faces.
 [[nodiscard]] std::string evaluation_csv(const std::vector<EvaluationResult>& results);
 // Plots of all algorithms (CV_8UC3; SVG text).
-[[nodiscard]] cv::Mat match_plot(const std::vector<EvaluationResult>& results, cv::Size size);
-[[nodiscard]] cv::Mat accept_plot(const std::vector<EvaluationResult>& results, cv::Size size);
-[[nodiscard]] std::string match_plot_svg(const std::vector<EvaluationResult>& results,
-                                         cv::Size size);
-[[nodiscard]] std::string accept_plot_svg(const std::vector<EvaluationResult>& results,
-                                          cv::Size size);
+[[nodiscard]] cv::Mat cmc_plot(const std::vector<EvaluationResult>& results, cv::Size size);
+[[nodiscard]] cv::Mat roc_plot(const std::vector<EvaluationResult>& results, cv::Size size);
+[[nodiscard]] std::string cmc_plot_svg(const std::vector<EvaluationResult>& results, cv::Size size);
+[[nodiscard]] std::string roc_plot_svg(const std::vector<EvaluationResult>& results, cv::Size size);
 
 }  // namespace tarsier::face::recognition

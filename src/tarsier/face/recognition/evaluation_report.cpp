@@ -19,17 +19,18 @@ int training_of(const EvaluationResult& result) {
 
 std::string csv_row(const EvaluationResult& result, const SeedResult& seed,
                     const std::string& name) {
-  return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.3f},{:.3f}\n",
-                     name_of(result.algorithm), training_of(result), name, seed.people, seed.probes,
-                     seed.identified.hits, rate(seed.accuracy), seed.known_probes,
-                     seed.stranger_probes, rate(seed.true_accepts), rate(seed.right_accepts),
-                     rate(seed.equal_error), rate(seed.area), seed.stated_true_count.hits,
-                     rate(seed.stated_true), seed.stated_right_count.hits, rate(seed.stated_right),
-                     seed.stated_false_count.hits, rate(seed.stated_false), seed.train_seconds,
-                     seed.identify_ms);
+  return fmt::format(
+      "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.3f},{:.3f}\n",
+      name_of(result.algorithm), training_of(result), name, seed.people, seed.probes,
+      seed.identified.hits, rate(seed.accuracy), seed.known_probes, seed.unknown_probes,
+      rate(seed.true_accept_rate), rate(seed.correct_accept_rate), rate(seed.equal_error_rate),
+      rate(seed.auc), seed.calibrated_true_accept_count.hits,
+      rate(seed.calibrated_true_accept_rate), seed.calibrated_correct_accept_count.hits,
+      rate(seed.calibrated_correct_accept_rate), seed.calibrated_false_accept_count.hits,
+      rate(seed.calibrated_false_accept_rate), seed.train_seconds, seed.identify_ms);
 }
 
-image::draw::Plot match_data(const std::vector<EvaluationResult>& results) {
+image::draw::Plot cmc_data(const std::vector<EvaluationResult>& results) {
   image::draw::Plot plot;
   plot.title = "Cumulative match";
   plot.x.label = "rank";
@@ -37,7 +38,7 @@ image::draw::Plot match_data(const std::vector<EvaluationResult>& results) {
   plot.y.high = 1.0;
   plot.legend = image::draw::LegendPosition::kBottomRight;
   for (const auto& result : results) {
-    const Curve curve = match_curve(result);
+    const Curve curve = cmc_curve(result);
     image::draw::Series series;
     series.name = fmt::format("{}, {} images", name_of(result.algorithm), training_of(result));
     series.x = curve.x;
@@ -48,7 +49,7 @@ image::draw::Plot match_data(const std::vector<EvaluationResult>& results) {
   return plot;
 }
 
-image::draw::Plot accept_data(const std::vector<EvaluationResult>& results) {
+image::draw::Plot roc_data(const std::vector<EvaluationResult>& results) {
   image::draw::Plot plot;
   plot.title = "Half of the people enrolled";
   plot.x.label = "strangers accepted";
@@ -60,7 +61,7 @@ image::draw::Plot accept_data(const std::vector<EvaluationResult>& results) {
   plot.y.high = 1.0;
   plot.legend = image::draw::LegendPosition::kBottomRight;
   for (const auto& result : results) {
-    const Curve curve = accept_curve(result);
+    const Curve curve = roc_curve(result);
     image::draw::Series series;
     series.name = fmt::format("{}, {} images", name_of(result.algorithm), training_of(result));
     series.x = curve.x;
@@ -89,25 +90,26 @@ SeedResult EvaluationResult::mean() const {
   out.people = seeds.front().people;
   out.training = seeds.front().training;
   out.accuracy = average(&SeedResult::accuracy);
-  out.true_accepts = average(&SeedResult::true_accepts);
-  out.right_accepts = average(&SeedResult::right_accepts);
-  out.equal_error = average(&SeedResult::equal_error);
-  out.area = average(&SeedResult::area);
-  out.stated_true = average(&SeedResult::stated_true);
-  out.stated_right = average(&SeedResult::stated_right);
-  out.stated_false = average(&SeedResult::stated_false);
+  out.true_accept_rate = average(&SeedResult::true_accept_rate);
+  out.correct_accept_rate = average(&SeedResult::correct_accept_rate);
+  out.equal_error_rate = average(&SeedResult::equal_error_rate);
+  out.auc = average(&SeedResult::auc);
+  out.calibrated_true_accept_rate = average(&SeedResult::calibrated_true_accept_rate);
+  out.calibrated_correct_accept_rate = average(&SeedResult::calibrated_correct_accept_rate);
+  out.calibrated_false_accept_rate = average(&SeedResult::calibrated_false_accept_rate);
   out.train_seconds = average(&SeedResult::train_seconds);
   out.identify_ms = average(&SeedResult::identify_ms);
   out.probes = 0;
   for (const auto& seed : seeds) {
     out.probes += seed.probes;
     out.known_probes += seed.known_probes;
-    out.stranger_probes += seed.stranger_probes;
+    out.unknown_probes += seed.unknown_probes;
     out.calibrated = out.calibrated || seed.calibrated;
   }
-  for (const auto count : {&SeedResult::identified, &SeedResult::true_count,
-                           &SeedResult::right_count, &SeedResult::stated_true_count,
-                           &SeedResult::stated_right_count, &SeedResult::stated_false_count})
+  for (const auto count :
+       {&SeedResult::identified, &SeedResult::true_accept_count, &SeedResult::correct_accept_count,
+        &SeedResult::calibrated_true_accept_count, &SeedResult::calibrated_correct_accept_count,
+        &SeedResult::calibrated_false_accept_count})
     out.*count = rate(count).count;
   return out;
 }
@@ -128,16 +130,16 @@ Rate EvaluationResult::rate(Count SeedResult::*count) const {
   return out;
 }
 
-Curve match_curve(const EvaluationResult& result) {
+Curve cmc_curve(const EvaluationResult& result) {
   int people = 0;
   double probes = 0;
   for (const auto& seed : result.seeds) {
     people = std::max(people, seed.people);
-    probes += static_cast<double>(seed.closed.size());
+    probes += static_cast<double>(seed.closed_set.size());
   }
   std::vector<double> at(static_cast<std::size_t>(people) + 1, 0.0);
   for (const auto& seed : result.seeds)
-    for (const auto& probe : seed.closed)
+    for (const auto& probe : seed.closed_set)
       if (probe.rank > 0) at[static_cast<std::size_t>(probe.rank)] += 1;
   Curve curve;
   double sum = 0;
@@ -149,23 +151,23 @@ Curve match_curve(const EvaluationResult& result) {
   return curve;
 }
 
-Curve accept_curve(const EvaluationResult& result) {
+Curve roc_curve(const EvaluationResult& result) {
   std::vector<double> known;
-  std::vector<double> strangers;
+  std::vector<double> unknown;
   for (const auto& seed : result.seeds)
-    for (const auto& probe : seed.open) (probe.known ? known : strangers).push_back(probe.score);
+    for (const auto& probe : seed.open_set) (probe.known ? known : unknown).push_back(probe.score);
   Curve curve;
-  if (known.empty() || strangers.empty()) return curve;
+  if (known.empty() || unknown.empty()) return curve;
   std::sort(known.begin(), known.end(), std::greater<>());
-  std::sort(strangers.begin(), strangers.end(), std::greater<>());
+  std::sort(unknown.begin(), unknown.end(), std::greater<>());
   std::size_t k = 0;
   std::size_t s = 0;
-  while (k < known.size() || s < strangers.size()) {
-    const double next = std::max(k < known.size() ? known[k] : strangers[s],
-                                 s < strangers.size() ? strangers[s] : known[k]);
+  while (k < known.size() || s < unknown.size()) {
+    const double next = std::max(k < known.size() ? known[k] : unknown[s],
+                                 s < unknown.size() ? unknown[s] : known[k]);
     while (k < known.size() && known[k] >= next) ++k;
-    while (s < strangers.size() && strangers[s] >= next) ++s;
-    curve.x.push_back(static_cast<double>(s) / static_cast<double>(strangers.size()));
+    while (s < unknown.size() && unknown[s] >= next) ++s;
+    curve.x.push_back(static_cast<double>(s) / static_cast<double>(unknown.size()));
     curve.y.push_back(static_cast<double>(k) / static_cast<double>(known.size()));
   }
   return curve;
@@ -183,20 +185,20 @@ std::string evaluation_csv(const std::vector<EvaluationResult>& results) {
   return out;
 }
 
-cv::Mat match_plot(const std::vector<EvaluationResult>& results, cv::Size size) {
-  return image::draw::plot_image(match_data(results), size);
+cv::Mat cmc_plot(const std::vector<EvaluationResult>& results, cv::Size size) {
+  return image::draw::plot_image(cmc_data(results), size);
 }
 
-cv::Mat accept_plot(const std::vector<EvaluationResult>& results, cv::Size size) {
-  return image::draw::plot_image(accept_data(results), size);
+cv::Mat roc_plot(const std::vector<EvaluationResult>& results, cv::Size size) {
+  return image::draw::plot_image(roc_data(results), size);
 }
 
-std::string match_plot_svg(const std::vector<EvaluationResult>& results, cv::Size size) {
-  return image::draw::plot_svg(match_data(results), size);
+std::string cmc_plot_svg(const std::vector<EvaluationResult>& results, cv::Size size) {
+  return image::draw::plot_svg(cmc_data(results), size);
 }
 
-std::string accept_plot_svg(const std::vector<EvaluationResult>& results, cv::Size size) {
-  return image::draw::plot_svg(accept_data(results), size);
+std::string roc_plot_svg(const std::vector<EvaluationResult>& results, cv::Size size) {
+  return image::draw::plot_svg(roc_data(results), size);
 }
 
 }  // namespace tarsier::face::recognition

@@ -29,7 +29,7 @@ std::vector<std::string> names(int people, int images) {
   return out;
 }
 
-TEST(Split, TakesSoManyOfEachPersonAndNoImageTwice) {
+TEST(Split, TakesTheSameNumberOfEachPerson) {
   const auto labels = names(6, 8);
   const auto split = split_of(labels, 3, 4);
   EXPECT_EQ(split.training.size(), 18U);
@@ -45,12 +45,12 @@ TEST(Split, TakesSoManyOfEachPersonAndNoImageTwice) {
   EXPECT_NE(split_of(labels, 3, 5).training, split.training);
 }
 
-TEST(Split, IsThatOfNumpy) {
+TEST(Split, AgreesWithNumpy) {
   // RandomState(0).permutation(10)[:5] is 2 8 4 9 1.
   EXPECT_THAT(split_of(names(1, 10), 5, 0).training, testing::ElementsAre(1, 2, 4, 8, 9));
 }
 
-TEST(Split, FacesThatMayNotTrainAreAskedForAndChangeNoChoice) {
+TEST(Split, FacesThatMayNotTrainAreProbes) {
   // Two people with five faces each, and one more face each that may not train.
   std::vector<std::string> labels = names(2, 5);
   const Split without = split_of(labels, 3, 4);
@@ -64,7 +64,7 @@ TEST(Split, FacesThatMayNotTrainAreAskedForAndChangeNoChoice) {
   EXPECT_EQ(with.probes, probes);
 }
 
-TEST(Split, PeopleWhoAreNotEnrolledAreStrangers) {
+TEST(Split, EnrolsTheGivenNumberOfPeople) {
   const auto split = split_of(names(7, 4), 2, 1, 3);
   EXPECT_EQ(split.training.size(), 6U);  // three people
   EXPECT_EQ(split.probes.size(), 22U);
@@ -74,7 +74,7 @@ TEST(Split, PeopleWhoAreNotEnrolledAreStrangers) {
   EXPECT_EQ(count_people(names(7, 4)), 7);
 }
 
-TEST(Split, OfAGalleryTakesItsFacesAndNoOthers) {
+TEST(Split, GallerySplitEnrolsTheFirstFaces) {
   // Two images of each of four people are enrolled; three of each are probes.
   std::vector<std::string> labels = names(4, 2);
   const auto asked = names(4, 3);
@@ -96,21 +96,21 @@ TEST(Split, OfAGalleryTakesItsFacesAndNoOthers) {
   EXPECT_TRUE(split_of_gallery(labels, 20, 1).probes.empty());
 }
 
-TEST(AcceptRates, AgreeWithCountingByHand) {
+TEST(AcceptRates, MatchHandCounts) {
   // Of ten strangers one may be accepted at 10 %: the lowest threshold is just above the second
   // best.
   const auto rates =
       accept_rates({0.5, 0.8, 0.95, 0.96}, {0.1, 0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.4, 0.6, 0.9}, 0.1);
   EXPECT_DOUBLE_EQ(rates.threshold, 0.8);
-  EXPECT_DOUBLE_EQ(rates.true_accepts, 0.75);
-  EXPECT_NEAR(rates.area, (8 + 9 + 10 + 10) / 40.0, 1e-12);
-  EXPECT_NEAR(rates.equal_error, (0.25 + 0.2) / 2, 1e-12);
+  EXPECT_DOUBLE_EQ(rates.true_accept_rate, 0.75);
+  EXPECT_NEAR(rates.auc, (8 + 9 + 10 + 10) / 40.0, 1e-12);
+  EXPECT_NEAR(rates.equal_error_rate, (0.25 + 0.2) / 2, 1e-12);
   // Equal scores of a known person and a stranger cannot be separated.
-  EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).true_accepts, 0);
-  EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).area, 0.5);
+  EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).true_accept_rate, 0);
+  EXPECT_DOUBLE_EQ(accept_rates({0.5}, {0.5}, 0.1).auc, 0.5);
 }
 
-TEST(Evaluate, FiguresCurvesAndTablesAgree) {
+TEST(Evaluate, ResultsCurvesAndTablesAgree) {
   const auto set = synthetic_faces(6, 5, 0.3, 1);
   EvaluationOptions options;
   options.training = 2;
@@ -126,16 +126,16 @@ TEST(Evaluate, FiguresCurvesAndTablesAgree) {
   ASSERT_EQ(first.seeds.size(), 2U);
   EXPECT_EQ(first.seeds[0].people, 6);
   EXPECT_EQ(first.seeds[0].probes, 18);
-  EXPECT_EQ(first.seeds[0].stranger_probes, 15);
+  EXPECT_EQ(first.seeds[0].unknown_probes, 15);
   EXPECT_EQ(first.seeds[0].known_probes, 9);
   EXPECT_GE(first.mean().accuracy, 0.95);
   EXPECT_NEAR(first.mean().accuracy, (first.seeds[0].accuracy + first.seeds[1].accuracy) / 2,
               1e-12);
-  const auto match = match_curve(first);
+  const auto match = cmc_curve(first);
   ASSERT_EQ(match.y.size(), 6U);
   EXPECT_NEAR(match.y.front(), first.mean().accuracy, 1e-12);
   EXPECT_DOUBLE_EQ(match.y.back(), 1);
-  const auto accept = accept_curve(first);
+  const auto accept = roc_curve(first);
   EXPECT_DOUBLE_EQ(accept.x.back(), 1);
   EXPECT_DOUBLE_EQ(accept.y.back(), 1);
   EXPECT_TRUE(std::is_sorted(accept.x.begin(), accept.x.end()));
@@ -144,15 +144,15 @@ TEST(Evaluate, FiguresCurvesAndTablesAgree) {
   const auto csv = evaluation_csv(results);
   EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 1 + 2 * 3);
   EXPECT_THAT(csv, HasSubstr("\neigen,2,all,6,36,"));
-  EXPECT_EQ(match_plot(results, {640, 400}).size(), cv::Size(640, 400));
-  EXPECT_THAT(accept_plot_svg(results, {640, 400}), HasSubstr("eigen"));
+  EXPECT_EQ(cmc_plot(results, {640, 400}).size(), cv::Size(640, 400));
+  EXPECT_THAT(roc_plot_svg(results, {640, 400}), HasSubstr("eigen"));
 
   options.training = 5;
   EXPECT_THROW((void)evaluate(set.faces, set.labels, {}, options, quiet, {}),
                std::invalid_argument);
 }
 
-TEST(Evaluate, ProbesThatMayNotTrainAreCountedApart) {
+TEST(Evaluate, CountsUncertainProbesSeparately) {
   const auto set = synthetic_faces(5, 4, 0.3, 1);
   EvaluationOptions options;
   options.training = 2;
@@ -172,14 +172,14 @@ TEST(Evaluate, ProbesThatMayNotTrainAreCountedApart) {
   EXPECT_EQ(after.training, before.training);
   EXPECT_EQ(after.probes, before.probes);
   EXPECT_EQ(after.accuracy, before.accuracy);
-  EXPECT_EQ(after.stranger_probes, before.stranger_probes);
+  EXPECT_EQ(after.unknown_probes, before.unknown_probes);
   EXPECT_EQ(after.uncertain_identified.hits, 1);
   EXPECT_EQ(after.uncertain_identified.trials, 2);
   EXPECT_EQ(before.uncertain_identified.trials, 0);
   EXPECT_NEAR(result.rate(&SeedResult::uncertain_identified).value, 0.5, 1e-12);
 }
 
-TEST(Evaluate, AsksForWhatIsNotInTheGallery) {
+TEST(Evaluate, ProbesAreTheFacesOutsideTheGallery) {
   const auto set = synthetic_faces(5, 4, 0.3, 1);
   // The first image of each person is enrolled, in another order than the images of the probes.
   std::vector<cv::Mat> faces;
@@ -199,10 +199,10 @@ TEST(Evaluate, AsksForWhatIsNotInTheGallery) {
   const SeedResult& draw = result.seeds.front();
   EXPECT_EQ(draw.training, 5);
   EXPECT_EQ(draw.probes, 15);
-  for (const ProbeResult& probe : draw.closed) EXPECT_GE(probe.face, 5);
+  for (const ProbeResult& probe : draw.closed_set) EXPECT_GE(probe.face, 5);
   EXPECT_GE(draw.accuracy, 0.9);
   EXPECT_EQ(draw.known_probes, 6);
-  EXPECT_EQ(draw.stranger_probes, 9);
+  EXPECT_EQ(draw.unknown_probes, 9);
   options.gallery = 20;
   EXPECT_THROW((void)evaluate(faces, labels, {}, options, quiet, {}), std::invalid_argument);
 }
@@ -215,7 +215,7 @@ Background background_of_textures() {
   return learn_background(many.faces, options, quiet, {});
 }
 
-TEST(Evaluate, UsesTheBackgroundAsAGalleryDoes) {
+TEST(Evaluate, TrainsWithTheBackground) {
   const auto set = synthetic_faces(6, 5, 0.3, 1);
   const Background general = background_of_textures();
   EvaluationOptions options;
@@ -235,24 +235,24 @@ TEST(Evaluate, UsesTheBackgroundAsAGalleryDoes) {
     labels.push_back(set.labels[static_cast<std::size_t>(i)]);
   }
   const Recognizer model = train(faces, labels, {}, quiet, {}, &general);
-  const ProbeResult& probe = with.seeds[0].closed.front();
+  const ProbeResult& probe = with.seeds[0].closed_set.front();
   const double score =
       identify(model, set.faces[static_cast<std::size_t>(probe.face)]).front().score;
   EXPECT_DOUBLE_EQ(probe.score, score);
-  EXPECT_NE(probe.score, without.seeds[0].closed.front().score);
+  EXPECT_NE(probe.score, without.seeds[0].closed_set.front().score);
 
   // A single enrolled person has a threshold only with a background.
   options.enrolled = 1;
   const auto alone = evaluate(set.faces, set.labels, {}, options, quiet, {}, &general);
   EXPECT_TRUE(alone.seeds[0].calibrated);
   EXPECT_EQ(alone.seeds[0].known_probes, 3);
-  EXPECT_EQ(alone.seeds[0].stranger_probes, 25);
+  EXPECT_EQ(alone.seeds[0].unknown_probes, 25);
   const auto guessing = evaluate(set.faces, set.labels, {}, options, quiet, {});
   EXPECT_FALSE(guessing.seeds[0].calibrated);
-  EXPECT_EQ(guessing.rate(&SeedResult::stated_false_count).value, -1);
+  EXPECT_EQ(guessing.rate(&SeedResult::calibrated_false_accept_count).value, -1);
 }
 
-TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
+TEST(Evaluate, CountsAcceptsAtTheCalibratedThreshold) {
   const auto set = synthetic_faces(6, 6, 0.3, 1);
   const Background general = background_of_textures();
   EvaluationOptions options;
@@ -263,8 +263,8 @@ TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
   const auto result = evaluate(set.faces, set.labels, {}, options, quiet, {}, &general);
   // Counts again from the probes, with the threshold of a newly trained model.
   Count known;
-  Count right;
-  Count strangers;
+  Count correct;
+  Count unknown;
   for (const SeedResult& seed : result.seeds) {
     const Split split = split_of(set.labels, 2, seed.seed, 3);
     std::vector<cv::Mat> faces;
@@ -275,19 +275,19 @@ TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
     }
     const Recognizer model = train(faces, labels, {}, quiet, {}, &general);
     const double threshold = model.calibration->threshold(0.05, 3);
-    for (const ProbeResult& probe : seed.open) {
-      Count& count = probe.known ? known : strangers;
+    for (const ProbeResult& probe : seed.open_set) {
+      Count& count = probe.known ? known : unknown;
       ++count.trials;
       if (probe.score >= threshold) ++count.hits;
-      if (probe.known && probe.right && probe.score >= threshold) ++right.hits;
+      if (probe.known && probe.correct && probe.score >= threshold) ++correct.hits;
     }
   }
-  const Rate tar = result.rate(&SeedResult::stated_true_count);
-  const Rate far = result.rate(&SeedResult::stated_false_count);
+  const Rate tar = result.rate(&SeedResult::calibrated_true_accept_count);
+  const Rate far = result.rate(&SeedResult::calibrated_false_accept_count);
   EXPECT_EQ(tar.count.hits, known.hits);
   EXPECT_EQ(tar.count.trials, 3 * 3 * 4);
-  EXPECT_EQ(result.rate(&SeedResult::stated_right_count).count.hits, right.hits);
-  EXPECT_EQ(far.count.hits, strangers.hits);
+  EXPECT_EQ(result.rate(&SeedResult::calibrated_correct_accept_count).count.hits, correct.hits);
+  EXPECT_EQ(far.count.hits, unknown.hits);
   EXPECT_EQ(far.count.trials, 3 * 3 * 6);
   EXPECT_EQ(far.draws, 3);
   // The interval is that of the 12 probes of one split, since further splits add no new images.
@@ -301,7 +301,7 @@ TEST(Evaluate, CountsWhatAUserGetsAtTheStatedRate) {
   EXPECT_NEAR(identified.value, result.mean().accuracy, 1e-12);
 }
 
-TEST(Evaluate, EverybodyEnrolledLeavesNoStrangers) {
+TEST(Evaluate, OpenSetNeedsUnknownPeople) {
   const auto set = synthetic_faces(3, 3, 0.3, 1);
   EvaluationOptions options;
   options.training = 1;
@@ -339,7 +339,7 @@ TEST_F(FaceList, ReadsLabelsAndEyes) {
   EXPECT_EQ(*faces[1].right_eye, cv::Point2d(3, 4));
 }
 
-TEST_F(FaceList, NamesTheLineThatIsWrong) {
+TEST_F(FaceList, ErrorNamesTheLine) {
   EXPECT_THAT(refusal("a\tb\nc\n"), HasSubstr("line 2"));
   EXPECT_THAT(refusal("a\t\n"), HasSubstr("line 1"));
   EXPECT_THAT(refusal("a\tb\t1\t2\t3\n"), HasSubstr("line 1"));
@@ -350,7 +350,7 @@ TEST_F(FaceList, NamesTheLineThatIsWrong) {
   EXPECT_THROW((void)read_face_list(folder_), InputError);
 }
 
-TEST(OnOrl, FiguresAreThoseOfTheBook) {
+TEST(EvaluateOrl, AccuraciesMatchThePublishedOnes) {
   TARSIER_LONG_TEST();
   const char* data = std::getenv("TARSIER_DATA");
   const auto folder = std::filesystem::path(data == nullptr ? "" : data) / "orl";
@@ -371,11 +371,11 @@ TEST(OnOrl, FiguresAreThoseOfTheBook) {
   const auto accuracy = [&](Algorithm algorithm) {
     RecognizerOptions recognizer;
     recognizer.algorithm = algorithm;
-    options.strangers = algorithm == Algorithm::kDefault;
+    options.open_set = algorithm == Algorithm::kDefault;
     if (algorithm == Algorithm::kDefault) options.seeds = {0, 1};  // it is slow
     const auto result = evaluate(faces, labels, recognizer, options, quiet, {}).mean();
-    if (options.strangers) {
-      EXPECT_GE(result.true_accepts, 0.93);
+    if (options.open_set) {
+      EXPECT_GE(result.true_accept_rate, 0.93);
     }
     return result.accuracy;
   };

@@ -42,16 +42,18 @@ std::vector<float> project(const Recognizer& model, const std::vector<float>& in
       Eigen::Map<const Rows>(input.data(), 1, static_cast<Eigen::Index>(input.size())) - model.mean;
   Rows out = products(x, model.components);
   if (is_whitened(model.options.algorithm))
-    scale_rows(out, x.cast<double>().rowwise().squaredNorm(), model.importance, model.rest);
+    scale_rows(out, x.cast<double>().rowwise().squaredNorm(), model.eigenvalues,
+               model.residual_variance);
   return {out.data(), out.data() + out.size()};
 }
 
 void scale_rows(Rows& rows, const Eigen::VectorXd& square, const Eigen::VectorXd& scatter,
-                double rest) {
+                double residual_variance) {
   for (Eigen::Index i = 0; i < rows.rows(); ++i) {
     const Eigen::ArrayXd squares = rows.row(i).cast<double>().array().square();
     const double inside = (squares * scatter.array()).sum();
-    const double length = std::sqrt(squares.sum() + std::max(0.0, square(i) - inside) / rest);
+    const double length =
+        std::sqrt(squares.sum() + std::max(0.0, square(i) - inside) / residual_variance);
     if (length > 1e-12) rows.row(i) *= static_cast<float>(1 / length);
   }
 }
@@ -64,34 +66,34 @@ Rows person_sums(const Rows& rows, const std::vector<int>& labels, int count) {
 }
 
 std::vector<double> template_weights(const Rows& rows, const std::vector<int>& labels, int count) {
-  constexpr double kShare = 0.5;  // of the median; templates below it get weight 0
-  constexpr std::size_t kFew = 3;
+  constexpr double kMinMedianShare = 0.5;  // of the median; templates below it get weight 0
+  constexpr std::size_t kMinTemplates = 3;
   constexpr int kPasses = 2;
-  std::vector<std::vector<std::size_t>> of_person(static_cast<std::size_t>(count));
+  std::vector<std::vector<std::size_t>> by_person(static_cast<std::size_t>(count));
   std::vector<double> weights(labels.size(), 0.0);
   for (std::size_t i = 0; i < labels.size(); ++i) {
     if (labels[i] < 0) continue;
     weights[i] = 1;
     if (!rows.row(static_cast<Eigen::Index>(i)).isZero(0))
-      of_person[static_cast<std::size_t>(labels[i])].push_back(i);
+      by_person[static_cast<std::size_t>(labels[i])].push_back(i);
   }
-  for (const std::vector<std::size_t>& own : of_person) {
-    if (own.size() < kFew) continue;
+  for (const std::vector<std::size_t>& own : by_person) {
+    if (own.size() < kMinTemplates) continue;
     for (int pass = 0; pass < kPasses; ++pass) {
       Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(rows.cols());
       for (const std::size_t i : own)
         sum += weights[i] * rows.row(static_cast<Eigen::Index>(i)).cast<double>();
-      std::vector<double> alike;
+      std::vector<double> similarities;
       for (const std::size_t i : own) {
         const Eigen::RowVectorXd row = rows.row(static_cast<Eigen::Index>(i)).cast<double>();
         const Eigen::RowVectorXd others = sum - weights[i] * row;
         const double length = row.norm() * others.norm();
-        alike.push_back(length > 1e-12 ? row.dot(others) / length : 0);
+        similarities.push_back(length > 1e-12 ? row.dot(others) / length : 0);
       }
-      const double median = upper_median(alike);
+      const double median = upper_median(similarities);
       if (median <= 0) break;  // the templates are not similar: none can be excluded
       for (std::size_t k = 0; k < own.size(); ++k)
-        weights[own[k]] = alike[k] >= kShare * median ? 1 : 0;
+        weights[own[k]] = similarities[k] >= kMinMedianShare * median ? 1 : 0;
     }
   }
   return weights;

@@ -15,11 +15,11 @@ namespace tarsier::face::recognition {
 [[nodiscard]] std::vector<float> project(const Recognizer& model, const std::vector<float>& input);
 
 // Normalises whitened rows to length 1. The length includes the part outside the subspace, whose
-// variance is taken as `rest`. A stranger, whom the subspace represents badly, is therefore similar
-// to nobody. `square`: squared length of each row before projection. `scatter`: of each column, as
-// Recognizer::importance. Rows of zeros are not changed.
+// variance is taken as `residual_variance`. A stranger, whom the subspace represents badly, is
+// therefore similar to nobody. `square`: squared length of each row before projection. `scatter`:
+// of each column, as Recognizer::eigenvalues. Rows of zeros are not changed.
 void scale_rows(Rows& rows, const Eigen::VectorXd& square, const Eigen::VectorXd& scatter,
-                double rest);
+                double residual_variance);
 
 // The sum of the rows of each label 0..count-1.
 [[nodiscard]] Rows person_sums(const Rows& rows, const std::vector<int>& labels, int count);

@@ -13,13 +13,13 @@ namespace tarsier::face::recognition {
 namespace {
 
 constexpr int kFolds = 8;
-constexpr double kNothing = -std::numeric_limits<double>::infinity();
+constexpr double kNoScore = -std::numeric_limits<double>::infinity();
 
 // The score of each person from scores of single images, as in identify().
 std::vector<double> person_scores(const std::vector<double>& scores, const std::vector<int>& people,
                                   const std::vector<double>& weights,
                                   const std::vector<double>& mean_scale, double mean_weight) {
-  std::vector<double> best(mean_scale.size(), kNothing);
+  std::vector<double> best(mean_scale.size(), kNoScore);
   std::vector<double> total(mean_scale.size(), 0.0);
   for (std::size_t i = 0; i < scores.size(); ++i) {
     if (weights[i] <= 0) continue;
@@ -28,52 +28,54 @@ std::vector<double> person_scores(const std::vector<double>& scores, const std::
     total[p] += weights[i] * scores[i];
   }
   for (std::size_t p = 0; p < best.size(); ++p)
-    if (best[p] > kNothing)
+    if (best[p] > kNoScore)
       best[p] = (1 - mean_weight) * best[p] + mean_weight * total[p] * mean_scale[p];
   return best;
 }
 
 }  // namespace
 
-Whitening Folds::whitener(const Eigen::MatrixXd& some, const std::vector<bool>& left_out) const {
-  std::vector<Eigen::Index> kept;
+Whitening CrossValidation::whitener(const Eigen::MatrixXd& some,
+                                    const std::vector<bool>& held_out) const {
+  std::vector<Eigen::Index> training_rows;
   std::vector<int> labels;
   for (std::size_t i = 0; i < people.size(); ++i) {
-    if (!left_out.empty() && left_out[i]) continue;
-    for (int m = 0; m < moves; ++m) {
-      kept.push_back(static_cast<Eigen::Index>(i) * moves + m);
+    if (!held_out.empty() && held_out[i]) continue;
+    for (int m = 0; m < copies; ++m) {
+      training_rows.push_back(static_cast<Eigen::Index>(i) * copies + m);
       labels.push_back(people[i]);
     }
   }
-  Eigen::MatrixXd scatter = within_scatter(some(kept, Eigen::all), labels, person_count);
-  if (known_within.size() > 0) {
-    // The moves of an image carry less information than another image: each image counts once.
-    const auto people_kept =
+  Eigen::MatrixXd scatter = within_scatter(some(training_rows, Eigen::all), labels, person_count);
+  if (prior_within.size() > 0) {
+    // The copies of an image carry less information than another image: each image counts once.
+    const auto training_people =
         static_cast<double>(std::set<int>(labels.begin(), labels.end()).size());
-    const double images = static_cast<double>(kept.size()) / moves;
-    const double own = std::max(0.0, images - people_kept) + 0.2 * images * (moves > 1 ? 1 : 0);
-    scatter = (own * scatter + known_weight * known_within) / (own + known_weight);
+    const double images = static_cast<double>(training_rows.size()) / copies;
+    const double own =
+        std::max(0.0, images - training_people) + 0.2 * images * (copies > 1 ? 1 : 0);
+    scatter = (own * scatter + prior_within_weight * prior_within) / (own + prior_within_weight);
   }
   return whitening(scatter, ridge);
 }
 
-Rows Folds::templates(const std::vector<bool>& left_out) const {
+Rows CrossValidation::templates(const std::vector<bool>& held_out) const {
   const auto faces = static_cast<Eigen::Index>(people.size());
-  std::vector<Eigen::Index> kept;
+  std::vector<Eigen::Index> training_rows;
   std::vector<int> labels;
-  std::vector<int> renamed(static_cast<std::size_t>(person_count), -1);
+  std::vector<int> enrolled_index(static_cast<std::size_t>(person_count), -1);
   int enrolled = 0;
   Eigen::RowVectorXd mean = Eigen::RowVectorXd::Zero(coefficients.cols());
   for (std::size_t i = 0; i < people.size(); ++i) {
-    if (left_out[i]) continue;
-    const Eigen::Index row = static_cast<Eigen::Index>(i) * moves;
-    kept.push_back(row);
-    int& name = renamed[static_cast<std::size_t>(people[i])];
-    if (name < 0) name = enrolled++;
-    labels.push_back(name);
+    if (held_out[i]) continue;
+    const Eigen::Index row = static_cast<Eigen::Index>(i) * copies;
+    training_rows.push_back(row);
+    int& index = enrolled_index[static_cast<std::size_t>(people[i])];
+    if (index < 0) index = enrolled++;
+    labels.push_back(index);
     mean += coefficients.row(row);
   }
-  const auto count = static_cast<double>(kept.size());
+  const auto count = static_cast<double>(training_rows.size());
   mean /= count;
   const double own = enrolled > 1 ? enrolled : 0;  // as in training
   if (background.size() > 0)
@@ -84,60 +86,62 @@ Rows Folds::templates(const std::vector<bool>& left_out) const {
 
   std::vector<Eigen::Index> rows;
   for (const auto row : basis)
-    if (!left_out[row / static_cast<std::size_t>(moves)])
+    if (!held_out[row / static_cast<std::size_t>(copies)])
       rows.push_back(static_cast<Eigen::Index>(row));
-  int limit = most;
+  int limit = max_components;
   if (algorithm == Algorithm::kFisher)
-    limit = std::max(1, static_cast<int>(kept.size()) - enrolled);
+    limit = std::max(1, static_cast<int>(training_rows.size()) - enrolled);
   const Eigen::RowVectorXf none = Eigen::RowVectorXf::Zero(centred.cols());
   Eigen::MatrixXd reduced = centred;
-  if (known_within.size() == 0) {
+  if (prior_within.size() == 0) {
     const Pca pca = principal_components(centred(rows, Eigen::all).cast<float>(), limit, &none);
     reduced = centred * pca.components.transpose().cast<double>();
   }
   Whitening white;
   if (algorithm == Algorithm::kDefault) {
-    white = whitener(reduced, left_out);
+    white = whitener(reduced, held_out);
     reduced *= white.directions;
   }
   std::vector<Eigen::Index> upright(people.size());
-  for (Eigen::Index i = 0; i < faces; ++i) upright[static_cast<std::size_t>(i)] = i * moves;
+  for (Eigen::Index i = 0; i < faces; ++i) upright[static_cast<std::size_t>(i)] = i * copies;
   if (algorithm == Algorithm::kFisher) {
     const Eigen::MatrixXd directions =
-        enrolled > 1 && static_cast<int>(kept.size()) > enrolled
-            ? linear_discriminants(reduced(kept, Eigen::all), labels, enrolled)
+        enrolled > 1 && static_cast<int>(training_rows.size()) > enrolled
+            ? linear_discriminants(reduced(training_rows, Eigen::all), labels, enrolled)
             : Eigen::MatrixXd::Zero(reduced.cols(), 0);
     reduced = (reduced * directions).eval();
   }
   Rows out = reduced(upright, Eigen::all).cast<float>();
   if (algorithm == Algorithm::kDefault) {
     Eigen::VectorXd square = centred(upright, Eigen::all).rowwise().squaredNorm();
-    if (outside.size() > 0) square += outside;
-    scale_rows(out, square, white.scatter, white.rest);
+    if (residual_squared.size() > 0) square += residual_squared;
+    scale_rows(out, square, white.scatter, white.residual_variance);
   }
   return out;
 }
 
-int Folds::count() const {
+int CrossValidation::count() const {
   return person_count > 1 ? std::min(kFolds, std::max(person_count, 2)) : 2;
 }
 
-void Folds::score(int fold, ScoreSample& sample) const {
+void CrossValidation::score(int fold, ScoreSample& sample) const {
   const std::size_t faces = people.size();
   const auto images = static_cast<Eigen::Index>(faces);
-  std::vector<int> rank(faces);  // index of an image among its person's images
-  std::vector<int> owned(static_cast<std::size_t>(person_count), 0);
-  for (std::size_t i = 0; i < faces; ++i) rank[i] = owned[static_cast<std::size_t>(people[i])]++;
+  std::vector<int> image_index(faces);  // index of an image among its person's images
+  std::vector<int> image_count(static_cast<std::size_t>(person_count), 0);
+  for (std::size_t i = 0; i < faces; ++i)
+    image_index[i] = image_count[static_cast<std::size_t>(people[i])]++;
   const int folds = count();
-  std::vector<bool> left_out(faces);
+  std::vector<bool> held_out(faces);
   std::vector<bool> in_gallery(faces);
-  std::vector<bool> stranger(faces);
+  std::vector<bool> impostor(faces);
   for (std::size_t i = 0; i < faces; ++i) {
     const auto p = static_cast<std::size_t>(people[i]);
-    stranger[i] = person_count > 1 && people[i] % folds == fold;
+    impostor[i] = person_count > 1 && people[i] % folds == fold;
     // A person with two or more images keeps at least one in every fold.
-    left_out[i] = stranger[i] || (owned[p] > 1 && (rank[i] + people[i]) % folds == fold);
-    in_gallery[i] = !left_out[i];
+    held_out[i] =
+        impostor[i] || (image_count[p] > 1 && (image_index[i] + people[i]) % folds == fold);
+    in_gallery[i] = !held_out[i];
   }
   std::vector<bool> enrolled(static_cast<std::size_t>(person_count), false);
   for (std::size_t i = 0; i < faces; ++i)
@@ -146,30 +150,31 @@ void Folds::score(int fold, ScoreSample& sample) const {
   if (known == 0) return;
   sample.gallery += static_cast<double>(known) / folds;
 
-  const Rows templates = this->templates(left_out);
+  const Rows templates = this->templates(held_out);
   if (templates.cols() == 0) return;
   // Only the held-out images are compared.
   std::vector<Eigen::Index> probes;
   for (std::size_t i = 0; i < faces; ++i)
-    if (left_out[i]) probes.push_back(static_cast<Eigen::Index>(i));
-  Rows similar = products(templates(probes, Eigen::all), templates);
+    if (held_out[i]) probes.push_back(static_cast<Eigen::Index>(i));
+  Rows similarities = products(templates(probes, Eigen::all), templates);
   if (algorithm != Algorithm::kDefault) {
     const Eigen::VectorXf squares = templates.rowwise().squaredNorm();
-    for (Eigen::Index i = 0; i < similar.rows(); ++i)
+    for (Eigen::Index i = 0; i < similarities.rows(); ++i)
       for (Eigen::Index j = 0; j < images; ++j)
-        similar(i, j) = -std::sqrt(std::max(
-            0.0F, squares(probes[static_cast<std::size_t>(i)]) + squares(j) - 2 * similar(i, j)));
+        similarities(i, j) =
+            -std::sqrt(std::max(0.0F, squares(probes[static_cast<std::size_t>(i)]) + squares(j) -
+                                          2 * similarities(i, j)));
   }
-  Rows kept = templates;
+  Rows gallery_rows = templates;
   for (std::size_t i = 0; i < faces; ++i)
-    if (!in_gallery[i]) kept.row(static_cast<Eigen::Index>(i)).setZero();
+    if (!in_gallery[i]) gallery_rows.row(static_cast<Eigen::Index>(i)).setZero();
   std::vector<double> weights(faces, 1.0);
-  if (is_whitened(algorithm)) weights = template_weights(kept, people, person_count);
+  if (is_whitened(algorithm)) weights = template_weights(gallery_rows, people, person_count);
   for (std::size_t i = 0; i < faces; ++i) {
     if (!in_gallery[i]) weights[i] = 0;
-    kept.row(static_cast<Eigen::Index>(i)) *= static_cast<float>(weights[i]);
+    gallery_rows.row(static_cast<Eigen::Index>(i)) *= static_cast<float>(weights[i]);
   }
-  const Rows sums = person_sums(kept, people, person_count);
+  const Rows sums = person_sums(gallery_rows, people, person_count);
   std::vector<double> mean_scale(static_cast<std::size_t>(person_count), 0.0);
   for (std::size_t p = 0; p < mean_scale.size(); ++p) {
     const double length = sums.row(static_cast<Eigen::Index>(p)).cast<double>().norm();
@@ -177,19 +182,19 @@ void Folds::score(int fold, ScoreSample& sample) const {
   }
   for (std::size_t k = 0; k < probes.size(); ++k) {
     const auto i = static_cast<std::size_t>(probes[k]);
-    const float* row = similar.data() + static_cast<Eigen::Index>(k) * images;
+    const float* row = similarities.data() + static_cast<Eigen::Index>(k) * images;
     const std::vector<double> scores(row, row + images);
     const auto by_person = person_scores(scores, people, weights, mean_scale, mean_weight);
-    if (stranger[i]) {
-      sample.stranger.push_back(*std::max_element(by_person.begin(), by_person.end()));
-      sample.stranger_person.push_back(people[i]);
+    if (impostor[i]) {
+      sample.impostor.push_back(*std::max_element(by_person.begin(), by_person.end()));
+      sample.impostor_person.push_back(people[i]);
     } else if (enrolled[static_cast<std::size_t>(people[i])]) {
       sample.genuine.push_back(by_person[static_cast<std::size_t>(people[i])]);
     }
   }
 }
 
-ScoreSample Folds::scores(const std::stop_token& stop) const {
+ScoreSample CrossValidation::scores(const std::stop_token& stop) const {
   ScoreSample sample;
   sample.gallery = 0;
   for (int fold = 0; fold < count(); ++fold) {
@@ -200,12 +205,12 @@ ScoreSample Folds::scores(const std::stop_token& stop) const {
   return sample;
 }
 
-ScoreSample left_out_scores(const Recognizer& model, const std::stop_token& stop) {
+ScoreSample leave_one_out_scores(const Recognizer& model, const std::stop_token& stop) {
   ScoreSample sample;
   const Eigen::Index n = model.templates.rows();
   const auto width = static_cast<std::size_t>(model.templates.cols());
-  std::vector<double> own(static_cast<std::size_t>(n), kNothing);
-  std::vector<double> other(static_cast<std::size_t>(n), kNothing);
+  std::vector<double> own(static_cast<std::size_t>(n), kNoScore);
+  std::vector<double> other(static_cast<std::size_t>(n), kNoScore);
   for (Eigen::Index i = 0; i < n; ++i) {
     throw_if_stopped(stop);
     const auto a = static_cast<std::size_t>(i);
@@ -220,10 +225,10 @@ ScoreSample left_out_scores(const Recognizer& model, const std::stop_token& stop
     }
   }
   for (std::size_t i = 0; i < own.size(); ++i) {
-    if (own[i] > kNothing) sample.genuine.push_back(own[i]);
-    if (other[i] > kNothing) {
-      sample.stranger.push_back(other[i]);
-      sample.stranger_person.push_back(model.people[i]);
+    if (own[i] > kNoScore) sample.genuine.push_back(own[i]);
+    if (other[i] > kNoScore) {
+      sample.impostor.push_back(other[i]);
+      sample.impostor_person.push_back(model.people[i]);
     }
   }
   sample.gallery = std::max(1.0, static_cast<double>(model.labels.size()) - 1);

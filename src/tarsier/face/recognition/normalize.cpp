@@ -137,8 +137,8 @@ void scale_cells(std::vector<float>& values, int directions) {
 
 // The independent half of mirrored histograms: each number is averaged with its mirrored
 // counterpart.
-std::vector<float> folded(const std::vector<float>& values, int rows, int columns, int n,
-                          bool full_circle) {
+std::vector<float> mirror_averaged(const std::vector<float>& values, int rows, int columns, int n,
+                                   bool full_circle) {
   std::vector<float> out;
   const auto at = [&](int r, int c, int d) {
     return values[static_cast<std::size_t>((r * columns + c) * n + d)];
@@ -285,21 +285,22 @@ std::vector<float> describe(const cv::Mat& gray, const DescriptorOptions& option
   if (gray.size() != options.size)
     cv::resize(gray, face, options.size, 0, 0,
                gray.cols > options.size.width ? cv::INTER_AREA : cv::INTER_LINEAR);
-  std::vector<std::pair<Light, cv::Mat>> lit;  // shared between channels with the same light
+  std::vector<std::pair<Light, cv::Mat>> normalized;  // shared between channels with the same light
   std::vector<float> out;
   for (const auto& channel : options.channels) {
-    auto found = std::find_if(lit.begin(), lit.end(),
+    auto found = std::find_if(normalized.begin(), normalized.end(),
                               [&](const auto& entry) { return entry.first == channel.light; });
-    if (found == lit.end()) {
-      lit.emplace_back(channel.light, normalize_light(face, channel.light));
-      found = lit.end() - 1;
+    if (found == normalized.end()) {
+      normalized.emplace_back(channel.light, normalize_light(face, channel.light));
+      found = normalized.end() - 1;
     }
     const Grid across = grid_of(options.size.width, channel.cell);
     const Grid down = grid_of(options.size.height, channel.cell);
     auto values = histograms(found->second, channel, across, down);
     scale_cells(values, channel.directions);
     if (options.symmetric)
-      values = folded(values, down.count, across.count, channel.directions, channel.full_circle);
+      values = mirror_averaged(values, down.count, across.count, channel.directions,
+                               channel.full_circle);
     const double norm = length(values.data(), values.size()) *
                         std::sqrt(static_cast<double>(options.channels.size()));
     if (norm > 0)
@@ -309,7 +310,7 @@ std::vector<float> describe(const cv::Mat& gray, const DescriptorOptions& option
   return out;
 }
 
-cv::Mat moved_face(const cv::Mat& gray, double dx, double dy, double degrees, double scale) {
+cv::Mat transformed_face(const cv::Mat& gray, double dx, double dy, double degrees, double scale) {
   require_gray(gray);
   const cv::Point2f middle(static_cast<float>(gray.cols - 1) / 2,
                            static_cast<float>(gray.rows - 1) / 2);

@@ -86,7 +86,7 @@ struct DescriptorOptions {
 
 // The face moved by (dx, dy) px, rotated by `degrees` clockwise in the image and scaled about its
 // centre. Border pixels are replicated.
-[[nodiscard]] cv::Mat moved_face(const cv::Mat& gray, double dx, double dy, double degrees,
-                                 double scale);
+[[nodiscard]] cv::Mat transformed_face(const cv::Mat& gray, double dx, double dy, double degrees,
+                                       double scale);
 
 }  // namespace tarsier::face::recognition

@@ -25,7 +25,7 @@ double cosine(const std::vector<float>& a, const std::vector<float>& b) {
 
 // A face with few dark pixels, and the same face in light that falls off to one side.
 cv::Mat even_face() { return synthetic_faces(1, 1, 0, 1).faces.front(); }
-cv::Mat under_slope(const cv::Mat& face) {
+cv::Mat with_light_gradient(const cv::Mat& face) {
   cv::Mat out = face.clone();
   for (int y = 0; y < face.rows; ++y)
     for (int x = 0; x < face.cols; ++x)
@@ -44,9 +44,9 @@ double correlation(const cv::Mat& a, const cv::Mat& b) {
   return (a - ma[0]).dot(b - mb[0]) / (static_cast<double>(a.total()) * sa[0] * sb[0]);
 }
 
-TEST(Light, NormalisationsTakeASlopeOfLightOut) {
+TEST(Light, NormalisationRemovesALightGradient) {
   const cv::Mat face = even_face();
-  const cv::Mat dark = under_slope(face);
+  const cv::Mat dark = with_light_gradient(face);
   const double plain =
       correlation(normalize_light(face, Light::kNone), normalize_light(dark, Light::kNone));
   EXPECT_LT(plain, 0.7);
@@ -55,7 +55,7 @@ TEST(Light, NormalisationsTakeASlopeOfLightOut) {
         << name_of(light);
 }
 
-TEST(Light, AFactorIsAShiftOfTheLog) {
+TEST(Light, LogOfAKnownValue) {
   const cv::Mat log = normalize_light(cv::Mat(8, 8, CV_8UC1, cv::Scalar(96)), Light::kLog);
   EXPECT_NEAR(log.at<float>(3, 3), std::log(100.0), 1e-5);
 }
@@ -73,14 +73,14 @@ TEST(Light, FlatImagesGiveNoNaN) {
   for (const float value : values) EXPECT_EQ(value, 0.0F);
 }
 
-TEST(Light, NamesGoThereAndBack) {
+TEST(Light, ParsesItsNames) {
   for (const auto light :
        {Light::kNone, Light::kEqualize, Light::kLog, Light::kTanTriggs, Light::kSelfQuotient})
     EXPECT_EQ(parse_light(name_of(light)), light);
   EXPECT_THROW((void)parse_light("sun"), std::invalid_argument);
 }
 
-TEST(Descriptor, HasLengthOneAndTheStatedSize) {
+TEST(Descriptor, HasUnitLengthAndItsStatedSize) {
   DescriptorOptions options;
   for (const bool symmetric : {false, true}) {
     options.symmetric = symmetric;
@@ -93,7 +93,7 @@ TEST(Descriptor, HasLengthOneAndTheStatedSize) {
   }
 }
 
-TEST(Descriptor, AMirroredFaceHasTheSameSymmetricOne) {
+TEST(Descriptor, SymmetricDescriptorIgnoresMirroring) {
   cv::Mat mirrored;
   cv::flip(even_face(), mirrored, 1);
   DescriptorOptions options;
@@ -102,22 +102,22 @@ TEST(Descriptor, AMirroredFaceHasTheSameSymmetricOne) {
   EXPECT_LT(cosine(describe(even_face(), options), describe(mirrored, options)), 0.95);
 }
 
-TEST(Descriptor, LightMattersLessThanThePerson) {
+TEST(Descriptor, VariesLessWithLightThanWithPerson) {
   const DescriptorOptions options;
   const auto own = describe(even_face(), options);
-  const auto dark = describe(under_slope(even_face()), options);
+  const auto dark = describe(with_light_gradient(even_face()), options);
   const auto other = describe(synthetic_faces(1, 1, 0, 1, 5).faces.front(), options);
   EXPECT_GT(cosine(own, dark), cosine(own, other) + 0.1);
 }
 
-TEST(Moved, MovesRightAndDownAndTurnsClockwise) {
+TEST(TransformedFace, ShiftsAndRotatesClockwise) {
   cv::Mat face(41, 41, CV_8UC1, cv::Scalar(0));
   face.at<unsigned char>(20, 30) = 255;  // right of the middle
-  EXPECT_EQ(moved_face(face, 2, 3, 0, 1).at<unsigned char>(23, 32), 255);
-  EXPECT_GT(moved_face(face, 0, 0, 90, 1).at<unsigned char>(30, 20), 200);  // now below it
+  EXPECT_EQ(transformed_face(face, 2, 3, 0, 1).at<unsigned char>(23, 32), 255);
+  EXPECT_GT(transformed_face(face, 0, 0, 90, 1).at<unsigned char>(30, 20), 200);  // now below it
 }
 
-TEST(Lbp, PatternsOfASlope) {
+TEST(Lbp, PatternOfAGradient) {
   // The grey level grows to the right. The neighbours at the right, above and below are not darker.
   cv::Mat face(12, 12, CV_8UC1);
   for (int y = 0; y < 12; ++y)
@@ -131,7 +131,7 @@ TEST(Lbp, PatternsOfASlope) {
     EXPECT_NEAR(histograms[cell * 256 + 0b11000111], 1, 1e-5);
 }
 
-TEST(Lbp, DoesNotSeeAChangeOfGain) {
+TEST(Lbp, IsInvariantToGain) {
   const cv::Mat face = even_face();
   cv::Mat dark = face / 2;
   cv::Mat lighter = dark * 2;

@@ -16,14 +16,14 @@ namespace tarsier::face::recognition {
 namespace {
 
 // Random coordinates of faces, distributed as the background's people.
-Rows strangers(const Background& background, int count, Rng& rng) {
+Rows random_faces(const Background& background, int count, Rng& rng) {
   const Eigen::Index m = background.basis.rows();
   const Eigen::VectorXd deviation = background.variance.cwiseMax(0).cwiseSqrt();
   Rows out(count, m + 1);
   for (Eigen::Index i = 0; i < count; ++i) {
     for (Eigen::Index k = 0; k < m; ++k)
       out(i, k) = static_cast<float>(deviation(k) * rng.normal());
-    out(i, m) = static_cast<float>(background.outside);
+    out(i, m) = static_cast<float>(background.residual_variance);
   }
   return out;
 }
@@ -38,7 +38,7 @@ PairScores pair_scores(const Background& background) {
   options.algorithm = background.network ? Algorithm::kDeep : Algorithm::kDefault;
   // One face at the mean adds no information: the model is that of the background.
   Rows mean = Rows::Zero(1, background.basis.rows() + 1);
-  mean(0, background.basis.rows()) = static_cast<float>(background.outside);
+  mean(0, background.basis.rows()) = static_cast<float>(background.residual_variance);
   NoProgress quiet;
   const std::vector<std::string> labels{"nobody"};
   out.model = train_coordinates(mean, labels, options, quiet, {}, background);
@@ -48,9 +48,9 @@ PairScores pair_scores(const Background& background) {
   out.model.refresh();
   Rng rng(20);
   const Rows a =
-      templates_of_coordinates(out.model, background, strangers(background, kPairs, rng));
+      templates_of_coordinates(out.model, background, random_faces(background, kPairs, rng));
   const Rows b =
-      templates_of_coordinates(out.model, background, strangers(background, kPairs, rng));
+      templates_of_coordinates(out.model, background, random_faces(background, kPairs, rng));
   double sum = 0;
   double square = 0;
   for (Eigen::Index i = 0; i < kPairs; ++i) {
@@ -59,7 +59,7 @@ PairScores pair_scores(const Background& background) {
     square += score * score;
   }
   const double average = sum / kPairs;
-  const SameCamera& camera = same_camera_of(options.algorithm);
+  const SameCameraAdjustment& camera = same_camera_adjustment(options.algorithm);
   Calibration calibration;
   calibration.location = average + camera.shift;
   calibration.scale =

@@ -18,7 +18,7 @@ namespace {
 
 // Faces of people who are held out from the background. Faces of one person are more similar, and
 // strangers reach the threshold no more often than stated.
-TEST(PairScores, TheThresholdHoldsForStrangers) {
+TEST(PairScores, FalseAcceptRateHoldsForHeldOutPeople) {
   const Background general = synthetic_background();
   const PairScores pairs = pair_scores(general);
   Rng rng(7);
@@ -36,29 +36,29 @@ TEST(PairScores, TheThresholdHoldsForStrangers) {
         const double deviation = std::sqrt(general.variance(c));
         coordinates(i, c) = static_cast<float>(deviation * (same.normal() + 0.3 * person.normal()));
       }
-      coordinates(i, m) = static_cast<float>(general.outside);
+      coordinates(i, m) = static_cast<float>(general.residual_variance);
       who.push_back(p);
     }
   }
   const Rows templates = templates_of_coordinates(pairs.model, general, coordinates);
   const double threshold = pairs.model.calibration->threshold(0.01, 1);
-  int strangers = 0;
-  int accepted = 0;
-  int same = 0;
-  int known = 0;
+  int impostor_pairs = 0;
+  int false_accepts = 0;
+  int genuine_pairs = 0;
+  int true_accepts = 0;
   for (Eigen::Index i = 0; i < templates.rows(); ++i) {
     for (Eigen::Index j = 0; j < i; ++j) {
-      const bool over = templates.row(i).dot(templates.row(j)) >= threshold;
-      const bool one = who[static_cast<std::size_t>(i)] == who[static_cast<std::size_t>(j)];
-      (one ? same : strangers) += 1;
-      (one ? known : accepted) += over ? 1 : 0;
+      const bool accepted = templates.row(i).dot(templates.row(j)) >= threshold;
+      const bool genuine = who[static_cast<std::size_t>(i)] == who[static_cast<std::size_t>(j)];
+      (genuine ? genuine_pairs : impostor_pairs) += 1;
+      (genuine ? true_accepts : false_accepts) += accepted ? 1 : 0;
     }
   }
-  EXPECT_LE(accepted, 0.02 * strangers);
-  EXPECT_GE(known, 0.8 * same);
+  EXPECT_LE(false_accepts, 0.02 * impostor_pairs);
+  EXPECT_GE(true_accepts, 0.8 * genuine_pairs);
 }
 
-TEST(PairScores, IsTheSameEachTimeAndNeedsDirections) {
+TEST(PairScores, IsDeterministicAndRequiresABasis) {
   const Background general = synthetic_background();
   EXPECT_EQ(recognizer_text(pair_scores(general).model),
             recognizer_text(pair_scores(general).model));
@@ -68,7 +68,7 @@ TEST(PairScores, IsTheSameEachTimeAndNeedsDirections) {
 }
 
 // A ruled-out face excludes that person if it is the nearest.
-TEST(Negatives, RuleAPersonOut) {
+TEST(Negatives, ExcludeAPerson) {
   const SyntheticFaces set = synthetic_faces(3, 3, 0.2, 7);
   NoProgress quiet;
   const std::vector<cv::Mat> faces{set.faces[0], set.faces[1], set.faces[3], set.faces[4]};

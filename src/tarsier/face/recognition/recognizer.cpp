@@ -137,8 +137,8 @@ void Recognizer::check() const {
   if (options.algorithm == Algorithm::kLbph) {
     TARSIER_REQUIRE(components.size() == 0 && mean.size() == 0 && options.size.area() > 0,
                     "LBPH has no subspace");
-    const int least = options.lbp.grid + 2 * options.lbp.radius;
-    TARSIER_REQUIRE(options.size.width >= least && options.size.height >= least,
+    const int min_side = options.lbp.grid + 2 * options.lbp.radius;
+    TARSIER_REQUIRE(options.size.width >= min_side && options.size.height >= min_side,
                     "faces of {}x{} for {} cells of local binary patterns", options.size.width,
                     options.size.height, options.lbp.grid);
   } else {
@@ -149,13 +149,14 @@ void Recognizer::check() const {
     TARSIER_REQUIRE(length > 0 && mean.size() == length && components.cols() == length,
                     "{} inputs, mean of {}, components of {}", length, mean.size(),
                     components.cols());
-    TARSIER_REQUIRE(components.rows() > 0 && importance.size() == components.rows(),
-                    "{} components, {} values", components.rows(), importance.size());
-    TARSIER_REQUIRE(mean.allFinite() && components.allFinite() && importance.allFinite(),
+    TARSIER_REQUIRE(components.rows() > 0 && eigenvalues.size() == components.rows(),
+                    "{} components, {} values", components.rows(), eigenvalues.size());
+    TARSIER_REQUIRE(mean.allFinite() && components.allFinite() && eigenvalues.allFinite(),
                     "numbers of the subspace are not finite");
     TARSIER_REQUIRE(
-        !is_whitened(options.algorithm) || (importance.minCoeff() >= 0 && rest > 0 && rest < 1e30),
-        "scatter {}, rest {}", importance.minCoeff(), rest);
+        !is_whitened(options.algorithm) ||
+            (eigenvalues.minCoeff() >= 0 && residual_variance > 0 && residual_variance < 1e30),
+        "scatter {}, rest {}", eigenvalues.minCoeff(), residual_variance);
   }
   TARSIER_REQUIRE(templates.rows() == static_cast<Eigen::Index>(people.size()),
                   "{} templates, {} people", templates.rows(), people.size());
@@ -255,13 +256,13 @@ std::vector<PersonScore> identify(const Recognizer& model, const cv::Mat& face) 
 namespace {
 
 // Max difference between two ways of summing the same score.
-constexpr double kSameScore = 1e-5;
+constexpr double kScoreTolerance = 1e-5;
 
 // People for whom the probe is at least as similar to a negative as to their best template.
 // Templates may be shorter than 1 (the part outside the subspace is missing). Only the angles are
 // compared here, so that a face is most similar to itself.
-std::vector<bool> ruled_out_by(const Recognizer& model, std::span<const float> probe,
-                               const std::vector<PersonScore>& best) {
+std::vector<bool> excluded_by_negatives(const Recognizer& model, std::span<const float> probe,
+                                        const std::vector<PersonScore>& best) {
   std::vector<bool> out(best.size(), false);
   const bool angles = is_whitened(model.options.algorithm);
   const auto scale = [&](const auto& row) {
@@ -273,7 +274,7 @@ std::vector<bool> ruled_out_by(const Recognizer& model, std::span<const float> p
     const auto row = model.negatives.row(static_cast<Eigen::Index>(i));
     const double score =
         compare(model, probe, {row.data(), static_cast<std::size_t>(row.size())}) * scale(row);
-    out[p] = score >= best[p].score * scale(model.templates.row(best[p].nearest)) - kSameScore;
+    out[p] = score >= best[p].score * scale(model.templates.row(best[p].nearest)) - kScoreTolerance;
   }
   return out;
 }
@@ -295,7 +296,7 @@ std::vector<PersonScore> person_scores(const Recognizer& model, std::span<const 
       entry.nearest = static_cast<int>(i);
     }
   }
-  const std::vector<bool> ruled_out = ruled_out_by(model, probe, out);
+  const std::vector<bool> excluded = excluded_by_negatives(model, probe, out);
   if (is_whitened(model.options.algorithm) && model.options.mean_weight > 0) {
     // The cosine to a person's mean is the sum of the cosines divided by the length of the sum.
     TARSIER_REQUIRE(model.mean_scale.size() == out.size(), "the model was changed: refresh() it");
@@ -309,7 +310,7 @@ std::vector<PersonScore> person_scores(const Recognizer& model, std::span<const 
     }
   }
   std::erase_if(out, [&](const PersonScore& entry) {
-    return entry.nearest < 0 || ruled_out[static_cast<std::size_t>(entry.person)];
+    return entry.nearest < 0 || excluded[static_cast<std::size_t>(entry.person)];
   });
   return out;
 }

@@ -85,10 +85,10 @@ struct Recognizer {
   Rows components;          // m x d
   // m: variance (eigen), ratio of scatters (fisher), scatter within people before whitening
   // (default)
-  Eigen::VectorXd importance;
-  double rest = 1;          // default: the same outside the components, > 0
-  Rows templates;           // one per row
-  std::vector<int> people;  // of each template, index into labels
+  Eigen::VectorXd eigenvalues;
+  double residual_variance = 1;  // default: the same outside the components, > 0
+  Rows templates;                // one per row
+  std::vector<int> people;       // of each template, index into labels
   // Templates of faces that are known not to be a given person, one per row, and that person (index
   // into labels). A face is not identified as a person if it is at least as similar to one of that
   // person's negatives as to the person's best template. Not stored in files.
@@ -100,7 +100,7 @@ struct Recognizer {
   std::shared_ptr<const DeepNetwork> network;
   // kDeep: fingerprint of the network that the recogniser was trained with; 0: unknown (older
   // files).
-  std::int64_t of_network = 0;
+  std::int64_t network_fingerprint = 0;
   // Derived by refresh(): the weight of each template (template_weights() of features.h; 1 for the
   // classical recognisers), and 1 / length of the weighted sum of each person's templates (0 for
   // zero length).
@@ -120,14 +120,14 @@ struct Background {
   double weight = 1;
   CalibrationPrior prior{0, 0.15, 0.5, 2};  // of scores between different people
   // How faces differ (background.h). Empty: this is estimated from the gallery alone.
-  Rows basis;                // m x d, orthonormal rows: principal components of the people
-  Eigen::VectorXd variance;  // m, of people along each
-  double outside = 0;        // mean squared component of people outside the basis
-  Eigen::MatrixXd within;    // m x m, scatter between images of one person
-  double within_rest = 0;    // mean square of such differences outside the basis
-  double within_weight = 1;  // weight, in differences between images; (0, 1e6]
+  Rows basis;                    // m x d, orthonormal rows: principal components of the people
+  Eigen::VectorXd variance;      // m, of people along each
+  double residual_variance = 0;  // mean squared component of people outside the basis
+  Eigen::MatrixXd within;        // m x m, scatter between images of one person
+  double within_residual_variance = 0;  // mean square of such differences outside the basis
+  double within_weight = 1;             // weight, in differences between images; (0, 1e6]
   // kDeep: fingerprint of the network that the numbers above belong to; 0: kDefault.
-  std::int64_t of_network = 0;
+  std::int64_t network_fingerprint = 0;
   std::shared_ptr<const DeepNetwork> network;  // this network; not stored in files
   void check() const;                          // throws std::invalid_argument
 };
@@ -137,7 +137,7 @@ struct Background {
 // `labels[i]` is the person in faces[i]. The default recogniser needs one image of one person.
 // Fisherfaces needs two people and two images of one of them. kDeep needs a background with its
 // network. `background` (kDefault; with the same descriptor options) may be null; then a gallery of
-// one person cannot reject strangers. If there are more than kMaxLearnedFaces (training.h) faces,
+// one person cannot reject strangers. If there are more than kMaxTrainingFaces (training.h) faces,
 // an evenly chosen subset is used for training. Throws std::invalid_argument for faces that cannot
 // be trained on, Interrupted. Stages of `progress`: "describing", "training".
 [[nodiscard]] Recognizer train(std::span<const cv::Mat> faces, std::span<const std::string> labels,

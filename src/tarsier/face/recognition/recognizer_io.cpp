@@ -68,14 +68,15 @@ void list_recognizer(linalg::ModelFields& file, Recognizer& model) {
   if (model.options.algorithm != Algorithm::kLbph) {
     file.matrix("components", model.components, -1, -1);
     file.matrix("mean", model.mean, 1, model.components.cols());
-    file.list<double>("importance", model.importance, model.components.rows());
+    file.list<double>("importance", model.eigenvalues, model.components.rows());
   }
-  if (is_whitened(model.options.algorithm)) file.number("rest", model.rest, 1e-30, 1e30);
+  if (is_whitened(model.options.algorithm))
+    file.number("rest", model.residual_variance, 1e-30, 1e30);
   file.matrix("templates", model.templates, -1, model.template_length());
   file.list<std::int32_t>("people", model.people, model.templates.rows());
-  std::int64_t network = model.network ? model.network->fingerprint : model.of_network;
+  std::int64_t network = model.network ? model.network->fingerprint : model.network_fingerprint;
   if (file.has("network", network != 0)) file.whole("network", network, 0);
-  if (file.reads()) model.of_network = network;
+  if (file.reads()) model.network_fingerprint = network;
   file.optional("calibration", model.calibration, calibration_from_json);
 }
 

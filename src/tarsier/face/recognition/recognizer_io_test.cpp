@@ -43,7 +43,7 @@ class RecognizerFile : public FolderTest {
   }
 };
 
-TEST_F(RecognizerFile, RoundTripGivesTheSameAnswers) {
+TEST_F(RecognizerFile, RoundTripKeepsTheScores) {
   const auto probes = synthetic_faces(4, 2, 0.3, 2);
   for (const auto algorithm :
        {Algorithm::kDefault, Algorithm::kEigen, Algorithm::kFisher, Algorithm::kLbph}) {
@@ -77,7 +77,7 @@ TEST_F(RecognizerFile, LabelsMayBeAnyText) {
   EXPECT_EQ(read_recognizer(path("model")).labels, model.labels);
 }
 
-TEST_F(RecognizerFile, AnEmptyGalleryIsKept) {
+TEST_F(RecognizerFile, RoundTripKeepsAnEmptyGallery) {
   auto model = model_of(Algorithm::kDefault);
   for (const auto* label : {"p0", "p1", "p2"}) EXPECT_TRUE(remove_person(model, label));
   write_recognizer(path("model"), model, json::object());
@@ -85,7 +85,7 @@ TEST_F(RecognizerFile, AnEmptyGalleryIsKept) {
       identify(read_recognizer(path("model")), synthetic_faces(1, 1, 0, 1).faces.front()).empty());
 }
 
-TEST_F(RecognizerFile, HostileModelsAreRefused) {
+TEST_F(RecognizerFile, RejectsMaliciousModels) {
   using testing::HasSubstr;
   const auto refuses = [&](const std::function<void(json&)>& change) {
     return refusal(Algorithm::kDefault, change);

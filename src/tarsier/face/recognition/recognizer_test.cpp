@@ -47,14 +47,14 @@ INSTANTIATE_TEST_SUITE_P(Each, AnyAlgorithm,
                                          Algorithm::kLbph),
                          [](const auto& each) { return std::string(name_of(each.param)); });
 
-TEST_P(AnyAlgorithm, KnowsPeopleInEvenLight) {
+TEST_P(AnyAlgorithm, IdentifiesPeopleInEvenLight) {
   const auto model = trained(synthetic_faces(6, 4, 0, 1), GetParam());
   EXPECT_EQ(model.labels.size(), 6U);
   EXPECT_EQ(model.templates.rows(), 24);
   EXPECT_EQ(accuracy(model, synthetic_faces(6, 5, 0, 2)), 1.0);
 }
 
-TEST_P(AnyAlgorithm, ItsTemplatesAreThoseOfTheTrainingFaces) {
+TEST_P(AnyAlgorithm, TemplatesEqualThoseOfTheTrainingFaces) {
   const auto set = synthetic_faces(3, 3, 0.2, 1);
   const auto model = trained(set, GetParam());
   for (std::size_t i = 0; i < set.faces.size(); ++i) {
@@ -73,7 +73,7 @@ TEST_P(AnyAlgorithm, ItsTemplatesAreThoseOfTheTrainingFaces) {
   }
 }
 
-TEST_P(AnyAlgorithm, ScoresAreThoseOfCompare) {
+TEST_P(AnyAlgorithm, ScoresEqualCompare) {
   const auto set = synthetic_faces(3, 2, 0.2, 1);
   auto model = trained(set, GetParam());
   model.options.mean_weight = 0;
@@ -87,7 +87,7 @@ TEST_P(AnyAlgorithm, ScoresAreThoseOfCompare) {
   }
 }
 
-TEST_P(AnyAlgorithm, SameModelForAnyNumberOfThreads) {
+TEST_P(AnyAlgorithm, ModelDoesNotDependOnThreads) {
   const auto set = synthetic_faces(4, 3, 0.3, 1);
   const int before = cv::getNumThreads();
   cv::setNumThreads(1);
@@ -99,7 +99,7 @@ TEST_P(AnyAlgorithm, SameModelForAnyNumberOfThreads) {
   EXPECT_EQ(one.components, four.components);
 }
 
-TEST_P(AnyAlgorithm, OfEqualTemplatesTheFirstIsNearest) {
+TEST_P(AnyAlgorithm, NearestIsTheFirstOfEqualTemplates) {
   auto set = synthetic_faces(3, 2, 0.2, 1);
   set.faces.push_back(set.faces[2]);  // p1's first image, under another name
   set.labels.emplace_back("again");
@@ -109,7 +109,7 @@ TEST_P(AnyAlgorithm, OfEqualTemplatesTheFirstIsNearest) {
   EXPECT_EQ(nearest_template(model, template_of(model, set.faces[2]))->index, 2);
 }
 
-TEST_P(AnyAlgorithm, RefusesColourAndNothing) {
+TEST_P(AnyAlgorithm, RejectsColourAndEmptyInput) {
   NoProgress quiet;
   RecognizerOptions options;
   options.algorithm = GetParam();
@@ -119,7 +119,7 @@ TEST_P(AnyAlgorithm, RefusesColourAndNothing) {
   EXPECT_THROW((void)train(colour, labels, options, quiet, {}), std::invalid_argument);
 }
 
-TEST_P(AnyAlgorithm, StopsWhenAsked) {
+TEST_P(AnyAlgorithm, CanBeInterrupted) {
   const auto set = synthetic_faces(2, 2, 0, 1);
   std::stop_source source;
   source.request_stop();
@@ -129,7 +129,7 @@ TEST_P(AnyAlgorithm, StopsWhenAsked) {
   EXPECT_THROW((void)train(set.faces, set.labels, options, quiet, source.get_token()), Interrupted);
 }
 
-TEST(Default, KnowsPeopleInHardLightWhereEigenfacesDoNot) {
+TEST(DefaultRecognizer, OutperformsEigenfacesInHardLight) {
   const auto training = synthetic_faces(10, 3, 0.8, 1);
   const auto probes = synthetic_faces(10, 5, 0.8, 2);
   const double own = accuracy(trained(training, Algorithm::kDefault), probes);
@@ -137,12 +137,12 @@ TEST(Default, KnowsPeopleInHardLightWhereEigenfacesDoNot) {
   EXPECT_LT(accuracy(trained(training, Algorithm::kEigen), probes), own - 0.15);
 }
 
-TEST(Default, WorksFromOneImageEach) {
+TEST(DefaultRecognizer, WorksWithOneImagePerPerson) {
   const auto model = trained(synthetic_faces(8, 1, 0.4, 1), Algorithm::kDefault);
   EXPECT_GE(accuracy(model, synthetic_faces(8, 4, 0.4, 2)), 0.95);
 }
 
-TEST(Default, OnePersonIsToldFromStrangersByABackground) {
+TEST(DefaultRecognizer, BackgroundCalibratesAGalleryOfOne) {
   NoProgress quiet;
   const auto background = background_of(synthetic_faces(30, 1, 0, 4, 50).faces, {});
   const auto set = synthetic_faces(1, 1, 0, 1);
@@ -159,14 +159,14 @@ TEST(Default, OnePersonIsToldFromStrangersByABackground) {
   EXPECT_THROW((void)train(set.faces, set.labels, {}, quiet, {}, &wrong), std::invalid_argument);
 }
 
-TEST(Default, TheThresholdKeepsStrangersOut) {
+TEST(DefaultRecognizer, ThresholdRejectsImpostors) {
   const auto model = trained(synthetic_faces(10, 4, 0.4, 1), Algorithm::kDefault);
   ASSERT_TRUE(model.calibration);
-  EXPECT_EQ(model.calibration->stranger_people, 10);
+  EXPECT_EQ(model.calibration->impostor_people, 10);
   const double threshold = model.calibration->threshold(0.01, 10);
-  const auto strangers = synthetic_faces(40, 3, 0.4, 2, 100);
+  const auto impostors = synthetic_faces(40, 3, 0.4, 2, 100);
   int accepted = 0;
-  for (const auto& face : strangers.faces)
+  for (const auto& face : impostors.faces)
     if (identify(model, face).front().score >= threshold) ++accepted;
   EXPECT_LE(accepted, 4);  // 1 % of 120, with a margin for chance
   int known = 0;
@@ -176,7 +176,7 @@ TEST(Default, TheThresholdKeepsStrangersOut) {
   EXPECT_GE(known, 38);  // of 40
 }
 
-TEST(Default, PoolingImagesIsNoWorseThanOne) {
+TEST(DefaultRecognizer, PoolingRaisesTheScore) {
   const auto model = trained(synthetic_faces(5, 2, 0.5, 1), Algorithm::kDefault);
   const auto probes = synthetic_faces(1, 4, 0.5, 2);
   std::vector<std::vector<float>> templates;
@@ -190,7 +190,7 @@ TEST(Default, PoolingImagesIsNoWorseThanOne) {
   EXPECT_GT(together.score, single);
 }
 
-TEST(TemplateWeights, LeaveOutWhatIsHardlyLikeTheOthers) {
+TEST(TemplateWeights, AreZeroForOutliers) {
   // The third row of person 0 belongs to another person; person 1 has only two rows; -1 belongs to
   // nobody.
   Rows rows(9, 3);
@@ -208,20 +208,20 @@ TEST(TemplateWeights, LeaveOutWhatIsHardlyLikeTheOthers) {
   EXPECT_TRUE(template_weights(Rows(0, 3), {}, 0).empty());
 }
 
-TEST(TemplateWeights, AStrangerAmongAPersonsImagesIsNotTakenForThePerson) {
+TEST(TemplateWeights, RejectAWronglyEnrolledFace) {
   const SyntheticFaces set = synthetic_faces(6, 6, 0, 1);
   Recognizer model = trained(set, Algorithm::kDefault);
-  const cv::Mat& stranger = set.faces.back();
-  add_face(model, stranger, set.labels.front());  // under another's name
+  const cv::Mat& wrong_face = set.faces.back();
+  add_face(model, wrong_face, set.labels.front());  // under another's name
   EXPECT_EQ(model.weights.back(), 0);
   EXPECT_EQ(std::count(model.weights.begin(), model.weights.end(), 0.0), 1);
   EXPECT_EQ(accuracy(model, synthetic_faces(6, 5, 0, 2)), 1.0);
-  const auto people = identify(model, stranger);
+  const auto people = identify(model, wrong_face);
   EXPECT_EQ(model.labels[static_cast<std::size_t>(people.front().person)], set.labels.back());
   EXPECT_LT(people[1].score, 0.5 * people[0].score);
 }
 
-TEST(Default, AFlatFaceIsNobody) {
+TEST(DefaultRecognizer, FlatFaceIsBelowTheThreshold) {
   const auto model = trained(synthetic_faces(3, 2, 0, 1), Algorithm::kDefault);
   const auto people = identify(model, cv::Mat(80, 64, CV_8UC1, cv::Scalar(90)));
   ASSERT_EQ(people.size(), 3U);
@@ -229,7 +229,7 @@ TEST(Default, AFlatFaceIsNobody) {
   EXPECT_LT(people.front().score, model.calibration->threshold(0.1, 3));
 }
 
-TEST(Default, FlatTrainingFacesAreRefused) {
+TEST(DefaultRecognizer, RejectsFlatTrainingFaces) {
   NoProgress quiet;
   const std::vector<cv::Mat> faces(2, cv::Mat(80, 64, CV_8UC1, cv::Scalar(90)));
   const std::vector<std::string> labels{"a", "b"};
@@ -237,7 +237,7 @@ TEST(Default, FlatTrainingFacesAreRefused) {
               testing::HasSubstr("flat"));
 }
 
-TEST(Fisher, NeedsTwoPeople) {
+TEST(FisherRecognizer, RequiresTwoPeople) {
   const auto set = synthetic_faces(1, 4, 0, 1);
   EXPECT_THAT(message_of([&] { (void)trained(set, Algorithm::kFisher); }),
               testing::StrEq("Fisherfaces needs faces of at least two people, there is one"));
@@ -262,23 +262,23 @@ TEST(Eigen, ReconstructsItsTrainingFaces) {
   EXPECT_THROW((void)mean_face(trained(set, Algorithm::kLbph)), std::invalid_argument);
 }
 
-TEST(Gallery, PeopleComeAndGo) {
+TEST(Gallery, AddsAndRemovesPeople) {
   const auto set = synthetic_faces(4, 3, 0.2, 1);
   auto model = trained(set, Algorithm::kDefault);
-  const auto fresh = synthetic_faces(1, 3, 0.2, 2, 30);
-  EXPECT_EQ(add_face(model, fresh.faces[0], "new"), 12);
-  EXPECT_EQ(add_face(model, fresh.faces[1], "new"), 13);
+  const auto added = synthetic_faces(1, 3, 0.2, 2, 30);
+  EXPECT_EQ(add_face(model, added.faces[0], "new"), 12);
+  EXPECT_EQ(add_face(model, added.faces[1], "new"), 13);
   EXPECT_EQ(model.labels.back(), "new");
-  EXPECT_EQ(identify(model, fresh.faces[2]).front().person, 4);
+  EXPECT_EQ(identify(model, added.faces[2]).front().person, 4);
   EXPECT_TRUE(remove_person(model, "p1"));
   EXPECT_FALSE(remove_person(model, "p1"));
   EXPECT_NO_THROW(model.check());
   EXPECT_THAT(model.labels, testing::ElementsAre("p0", "p2", "p3", "new"));
-  EXPECT_EQ(identify(model, fresh.faces[2]).front().person, 3);
+  EXPECT_EQ(identify(model, added.faces[2]).front().person, 3);
   EXPECT_EQ(model.templates.rows(), 11);
   for (const auto* label : {"p0", "p2", "p3", "new"}) EXPECT_TRUE(remove_person(model, label));
-  EXPECT_TRUE(identify(model, fresh.faces[2]).empty());
-  EXPECT_FALSE(nearest_template(model, template_of(model, fresh.faces[2])));
+  EXPECT_TRUE(identify(model, added.faces[2]).empty());
+  EXPECT_FALSE(nearest_template(model, template_of(model, added.faces[2])));
 }
 
 }  // namespace

@@ -22,8 +22,8 @@ struct Expected {
 };
 Expected expected_by(const Recognizer& model) {
   if (!model.calibration) throw std::invalid_argument("a gallery of one has no calibration");
-  return {model.calibration->location - same_camera_of(model.options.algorithm).shift,
-          model.calibration->scale / same_camera_of(model.options.algorithm).spread};
+  return {model.calibration->location - same_camera_adjustment(model.options.algorithm).shift,
+          model.calibration->scale / same_camera_adjustment(model.options.algorithm).spread};
 }
 
 struct Gallery {
@@ -112,7 +112,7 @@ SameCameraFit fit_same_camera(const std::vector<cv::Mat>& faces,
       square += z * z / count;
     }
   }
-  out.found = {shift, std::sqrt(square)};
+  out.adjustment = {shift, std::sqrt(square)};
   return out;
 }
 

@@ -17,7 +17,7 @@ void blend_with_one(std::vector<cv::Mat>& faces) {
   for (cv::Mat& face : faces) cv::addWeighted(face, 0.5, common, 0.5, 0, face);
 }
 
-TEST(SameCamera, PeopleBeforeOneCameraAreMoreAlike) {
+TEST(SameCameraAdjustment, ShiftIsGreaterForOneCamera) {
   const Background general = synthetic_background();
   SyntheticFaces set = synthetic_faces(8, 4, 0.3, 7);
   NoProgress quiet;
@@ -27,12 +27,12 @@ TEST(SameCamera, PeopleBeforeOneCameraAreMoreAlike) {
   EXPECT_EQ(apart.scores, 16 * 28);
   blend_with_one(set.faces);
   const SameCameraFit together = fit_same_camera(set.faces, set.labels, 2, 2, general, quiet, {});
-  EXPECT_GT(together.found.shift, apart.found.shift + 0.03);
-  EXPECT_GT(together.found.spread, 0);
+  EXPECT_GT(together.adjustment.shift, apart.adjustment.shift + 0.03);
+  EXPECT_GT(together.adjustment.spread, 0);
 }
 
 // The estimated mean is that of the strangers' scores, independent of the constants.
-TEST(SameCamera, TheShiftIsTheDifferenceOfTheMeans) {
+TEST(SameCameraAdjustment, ShiftIsTheDifferenceOfTheMeans) {
   const Background general = synthetic_background();
   const SyntheticFaces set = synthetic_faces(3, 2, 0.3, 7);
   NoProgress quiet;
@@ -46,13 +46,13 @@ TEST(SameCamera, TheShiftIsTheDifferenceOfTheMeans) {
     for (int i = 0; i < 6; ++i) {
       if (i / 2 == p) continue;
       const double score = identify(model, set.faces[static_cast<std::size_t>(i)]).front().score;
-      expected += (score - model.calibration->location) / 12 + kSameCameraFitted.shift / 12;
+      expected += (score - model.calibration->location) / 12 + kSameCameraClassic.shift / 12;
     }
   }
-  EXPECT_NEAR(fit.found.shift, expected, 1e-9);
+  EXPECT_NEAR(fit.adjustment.shift, expected, 1e-9);
 }
 
-TEST(SameCamera, RefusesWhatItCannotFit) {
+TEST(SameCameraAdjustment, RejectsInvalidInput) {
   const Background general = synthetic_background();
   const SyntheticFaces set = synthetic_faces(3, 2, 0.3, 7);
   NoProgress quiet;

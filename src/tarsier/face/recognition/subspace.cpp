@@ -29,7 +29,7 @@ Rows products(const Rows& a, const Rows& b) {
   return out;
 }
 
-Pca principal_components(const Rows& samples, int most, const Eigen::RowVectorXf* mean) {
+Pca principal_components(const Rows& samples, int max_components, const Eigen::RowVectorXf* mean) {
   TARSIER_REQUIRE(samples.rows() > 0 && samples.cols() > 0, "no samples");
   Pca pca;
   pca.mean = mean != nullptr
@@ -43,17 +43,20 @@ Pca principal_components(const Rows& samples, int most, const Eigen::RowVectorXf
   gram = (gram + gram.transpose()).eval() / 2;
   const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(gram);
   const Eigen::VectorXd values = eigen.values.reverse();
-  const double least = std::max(1e-6 * values(0), 1e-12);
-  Eigen::Index kept = 0;
-  while (kept < values.size() && values(kept) > least) ++kept;
-  if (most > 0) kept = std::min(kept, static_cast<Eigen::Index>(most));
+  const double min_variance = std::max(1e-6 * values(0), 1e-12);
+  Eigen::Index component_count = 0;
+  while (component_count < values.size() && values(component_count) > min_variance)
+    ++component_count;
+  if (max_components > 0)
+    component_count = std::min(component_count, static_cast<Eigen::Index>(max_components));
   // One eigenvector per row, the greatest first.
-  const Rows vectors = eigen.vectors.rightCols(kept).rowwise().reverse().transpose().cast<float>();
-  pca.variance = values.head(kept) / n;
+  const Rows vectors =
+      eigen.vectors.rightCols(component_count).rowwise().reverse().transpose().cast<float>();
+  pca.variance = values.head(component_count) / n;
   if (by_gram) {
     centred.transposeInPlace();  // d x n
     pca.components = products(vectors, centred);
-    for (Eigen::Index i = 0; i < kept; ++i) pca.components.row(i).normalize();
+    for (Eigen::Index i = 0; i < component_count; ++i) pca.components.row(i).normalize();
   } else {
     pca.components = vectors;
   }
@@ -111,21 +114,21 @@ Eigen::MatrixXd linear_discriminants(const Eigen::MatrixXd& samples, const std::
   const double trace = within.trace() / static_cast<double>(within.rows());
   ridged.diagonal().array() += std::max(1e-9 * trace, 1e-12);
   const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(between, ridged);
-  const Eigen::Index kept = std::min<Eigen::Index>(classes - 1, samples.cols());
-  Eigen::MatrixXd directions = eigen.vectors.rightCols(kept).rowwise().reverse();
+  const Eigen::Index component_count = std::min<Eigen::Index>(classes - 1, samples.cols());
+  Eigen::MatrixXd directions = eigen.vectors.rightCols(component_count).rowwise().reverse();
   directions.colwise().normalize();
-  if (ratios != nullptr) *ratios = eigen.values.tail(kept).reverse();
+  if (ratios != nullptr) *ratios = eigen.values.tail(component_count).reverse();
   return directions;
 }
 
 Whitening whitening(const Eigen::MatrixXd& scatter, double lambda) {
   Whitening out;
   const double trace = scatter.trace() / static_cast<double>(scatter.rows());
-  out.rest = trace > 0 ? lambda * trace : 1.0;
+  out.residual_variance = trace > 0 ? lambda * trace : 1.0;
   Eigen::MatrixXd ridged = scatter;
-  ridged.diagonal().array() += out.rest;
+  ridged.diagonal().array() += out.residual_variance;
   const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(ridged);
-  out.scatter = eigen.values.cwiseMax(1e-6 * out.rest);
+  out.scatter = eigen.values.cwiseMax(1e-6 * out.residual_variance);
   out.directions = eigen.vectors * out.scatter.cwiseSqrt().cwiseInverse().asDiagonal();
   return out;
 }

@@ -21,9 +21,9 @@ struct Pca {
 [[nodiscard]] Rows products(const Rows& a, const Rows& b);
 
 // Principal components through the n x n Gram matrix (Turk and Pentland, "Eigenfaces for
-// recognition", 1991). At most `most` components (0: all), without those below 1e-6 of the greatest
-// variance. `mean` is subtracted instead of the samples' own mean.
-[[nodiscard]] Pca principal_components(const Rows& samples, int most = 0,
+// recognition", 1991). At most `max_components` components (0: all), without those below 1e-6 of
+// the greatest variance. `mean` is subtracted instead of the samples' own mean.
+[[nodiscard]] Pca principal_components(const Rows& samples, int max_components = 0,
                                        const Eigen::RowVectorXf* mean = nullptr);
 
 // Scatter within classes (labels 0..classes-1), divided by (samples - non-empty classes). Zero if
@@ -40,12 +40,12 @@ struct Pca {
                                                    Eigen::VectorXd* ratios = nullptr);
 
 struct Whitening {
-  Eigen::MatrixXd directions;  // W, each column an eigenvector / sqrt(scatter)
-  Eigen::VectorXd scatter;     // along each direction, with the ridge
-  double rest = 1;             // the ridge: lambda trace(S) / n
+  Eigen::MatrixXd directions;    // W, each column an eigenvector / sqrt(scatter)
+  Eigen::VectorXd scatter;       // along each direction, with the ridge
+  double residual_variance = 1;  // the ridge: lambda trace(S) / n
 };
-// W^T (S + lambda trace(S) / n I) W = I for a scatter S, n x n. For a scatter of zeros: W = I, rest
-// 1.
+// W^T (S + lambda trace(S) / n I) W = I for a scatter S, n x n. For a scatter of zeros: W = I and
+// `residual_variance` = 1.
 [[nodiscard]] Whitening whitening(const Eigen::MatrixXd& scatter, double lambda);
 
 }  // namespace tarsier::face::recognition

@@ -35,26 +35,26 @@ constexpr int kMaxOwnComponents = 200;
 // Weight of the prior relative to strangers' scores in the gallery itself.
 constexpr double kPriorPeople = 6;
 
-struct Move {
+struct Perturbation {
   double dx, dy;  // px, for a face 64 px wide
   double degrees, growth;
 };
-constexpr std::array<Move, 7> kMoves{{{0, 0, 0, 0},
-                                      {1.5, 0, 0, 0},
-                                      {-1.5, 0, 0, 0},
-                                      {0, 1.5, 0, 0},
-                                      {0, -1.5, 0, 0},
-                                      {0, 0, 3, 0.03},
-                                      {0, 0, -3, -0.03}}};
+constexpr std::array<Perturbation, 7> kPerturbations{{{0, 0, 0, 0},
+                                                      {1.5, 0, 0, 0},
+                                                      {-1.5, 0, 0, 0},
+                                                      {0, 1.5, 0, 0},
+                                                      {0, -1.5, 0, 0},
+                                                      {0, 0, 3, 0.03},
+                                                      {0, 0, -3, -0.03}}};
 
 // The rows of one face: unchanged first, then the moved copies.
 void describe_face(const cv::Mat& face, const RecognizerOptions& options,
-                   const DeepNetwork* network, std::size_t moves, Eigen::Ref<Rows> rows) {
+                   const DeepNetwork* network, std::size_t copies, Eigen::Ref<Rows> rows) {
   const auto put = [&](std::size_t row, const std::vector<float>& values) {
     rows.row(static_cast<Eigen::Index>(row)) = Eigen::Map<const Eigen::RowVectorXf>(
         values.data(), static_cast<Eigen::Index>(values.size()));
   };
-  if (moves == 1) {
+  if (copies == 1) {
     put(0, features_of(face, options, network));
     return;
   }
@@ -62,12 +62,12 @@ void describe_face(const cv::Mat& face, const RecognizerOptions& options,
   cv::resize(face, sized, options.descriptor.size, 0, 0,
              face.cols > options.descriptor.size.width ? cv::INTER_AREA : cv::INTER_LINEAR);
   const double px = options.variants * options.descriptor.size.width / 64;
-  for (std::size_t m = 0; m < moves; ++m) {
-    const Move& move = kMoves[m];
+  for (std::size_t m = 0; m < copies; ++m) {
+    const Perturbation& perturbation = kPerturbations[m];
     put(m, features_of(m == 0 ? sized
-                              : moved_face(sized, move.dx * px, move.dy * px,
-                                           move.degrees * options.variants,
-                                           1 + move.growth * options.variants),
+                              : transformed_face(sized, perturbation.dx * px, perturbation.dy * px,
+                                                 perturbation.degrees * options.variants,
+                                                 1 + perturbation.growth * options.variants),
                        options));
   }
 }
@@ -96,19 +96,19 @@ Rows rows_at(const Rows& rows, const std::vector<std::size_t>& indices) {
 
 // Rows from which the principal components are computed: every unchanged face, then moved copies as
 // far as they fit. Of very many faces, an evenly chosen subset.
-std::vector<std::size_t> basis_rows(std::size_t faces, std::size_t moves) {
+std::vector<std::size_t> basis_rows(std::size_t faces, std::size_t copies) {
   std::vector<std::size_t> rows;
   if (faces > kBasisRows) {
-    for (std::size_t i = 0; i < kBasisRows; ++i) rows.push_back(i * faces / kBasisRows * moves);
+    for (std::size_t i = 0; i < kBasisRows; ++i) rows.push_back(i * faces / kBasisRows * copies);
     return rows;
   }
-  for (std::size_t m = 0; m < moves && (m + 1) * faces <= std::max(kBasisRows, faces); ++m)
-    for (std::size_t i = 0; i < faces; ++i) rows.push_back(i * moves + m);
+  for (std::size_t m = 0; m < copies && (m + 1) * faces <= std::max(kBasisRows, faces); ++m)
+    for (std::size_t i = 0; i < faces; ++i) rows.push_back(i * copies + m);
   return rows;
 }
 
 // Appends to the background's directions those in which the gallery also differs from the mean.
-Rows with_basis(const Rows& basis, const Rows& centred) {
+Rows extended_basis(const Rows& basis, const Rows& centred) {
   const Rows outside = centred - products(products(centred, basis), Rows(basis.transpose()));
   const Eigen::RowVectorXf zero = Eigen::RowVectorXf::Zero(centred.cols());
   const Pca more = principal_components(outside, kMaxOwnComponents, &zero);
@@ -118,19 +118,19 @@ Rows with_basis(const Rows& basis, const Rows& centred) {
 }
 
 // The background's scatter within people, in its directions and `more` others.
-Eigen::MatrixXd known_within(const Background& background, Eigen::Index more) {
+Eigen::MatrixXd prior_within_scatter(const Background& background, Eigen::Index more) {
   const Eigen::Index known = background.within.rows();
   const auto left = static_cast<double>(std::max<Eigen::Index>(1, background.mean.size() - known));
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(known + more, known + more);
   out.topLeftCorner(known, known) = background.within;
-  out.diagonal().tail(more).setConstant(background.within_rest / left);
+  out.diagonal().tail(more).setConstant(background.within_residual_variance / left);
   return out;
 }
 
 // Simulates strangers as random deviations from the mean face, distributed as the background's
 // people, and scores them against each person of the gallery.
 CalibrationPrior prior_of(const Recognizer& model, const Background& background) {
-  constexpr int kStrangers = 400;
+  constexpr int kImpostors = 400;
   CalibrationPrior prior = background.prior;
   double sum = 0;
   double square = 0;
@@ -141,7 +141,7 @@ CalibrationPrior prior_of(const Recognizer& model, const Background& background)
   Rows in_template = products(background.basis, model.components);  // m x c
   const Rows shift_in_template = products(Rows(shift), model.components);
   const Rows shift_in_basis = products(Rows(shift), background.basis);
-  for (int i = 0; i < kStrangers; ++i) {
+  for (int i = 0; i < kImpostors; ++i) {
     Rows x(1, deviation.size());
     for (Eigen::Index k = 0; k < deviation.size(); ++k)
       x(0, k) = deviation(k) * static_cast<float>(rng.normal());
@@ -150,8 +150,8 @@ CalibrationPrior prior_of(const Recognizer& model, const Background& background)
     length(0) = (x + shift_in_basis).cast<double>().squaredNorm() +
                 std::max(0.0, shift.cast<double>().squaredNorm() -
                                   shift_in_basis.cast<double>().squaredNorm()) +
-                background.outside;
-    scale_rows(probe, length, model.importance, model.rest);
+                background.residual_variance;
+    scale_rows(probe, length, model.eigenvalues, model.residual_variance);
     const std::vector<float> values(probe.data(), probe.data() + probe.size());
     for (const PersonScore& person : identify_template(model, values)) {
       sum += person.score;
@@ -160,7 +160,7 @@ CalibrationPrior prior_of(const Recognizer& model, const Background& background)
     }
   }
   const double mean = sum / count;
-  const SameCamera& camera = same_camera_of(model.options.algorithm);
+  const SameCameraAdjustment& camera = same_camera_adjustment(model.options.algorithm);
   prior.location = mean + camera.shift;
   prior.scale =
       std::max(0.02, camera.spread * std::sqrt(std::max(0.0, square / count - mean * mean)));
@@ -179,14 +179,16 @@ Eigen::RowVectorXf mean_of(const Eigen::RowVectorXf& own, int people,
 }
 
 // Sets the whitened directions of the model from the folds' data.
-void whiten(Recognizer& model, const Folds& folds, const Rows& components, bool informed) {
+void whiten(Recognizer& model, const CrossValidation& validation, const Rows& components,
+            bool has_background_basis) {
   const Eigen::Index kept =
-      informed ? components.rows() : std::min<Eigen::Index>(folds.most, components.rows());
-  const Whitening white = folds.whitener(folds.coefficients.leftCols(kept), {});
+      has_background_basis ? components.rows()
+                           : std::min<Eigen::Index>(validation.max_components, components.rows());
+  const Whitening white = validation.whitener(validation.coefficients.leftCols(kept), {});
   model.components =
       (white.directions.transpose() * components.topRows(kept).cast<double>()).cast<float>();
-  model.importance = white.scatter;
-  model.rest = white.rest;
+  model.eigenvalues = white.scatter;
+  model.residual_variance = white.residual_variance;
 }
 
 void check_background(const Background& background, Eigen::Index length) {
@@ -209,18 +211,18 @@ void calibrate_pixels(Recognizer& model, const Rows& rows, const std::stop_token
   ScoreSample sample;
   if (model.people.size() <= kBasisRows) {
     const Pca pca = principal_components(rows);
-    Folds folds;
-    folds.algorithm = model.options.algorithm;
-    folds.coefficients = products(rows.rowwise() - pca.mean, pca.components).cast<double>();
-    folds.people = model.people;
-    folds.person_count = static_cast<int>(model.labels.size());
-    for (std::size_t i = 0; i < model.people.size(); ++i) folds.basis.push_back(i);
-    folds.most = model.options.components;
-    sample = folds.scores(stop);
+    CrossValidation validation;
+    validation.algorithm = model.options.algorithm;
+    validation.coefficients = products(rows.rowwise() - pca.mean, pca.components).cast<double>();
+    validation.people = model.people;
+    validation.person_count = static_cast<int>(model.labels.size());
+    for (std::size_t i = 0; i < model.people.size(); ++i) validation.basis.push_back(i);
+    validation.max_components = model.options.components;
+    sample = validation.scores(stop);
   } else {
-    sample = left_out_scores(model, stop);
+    sample = leave_one_out_scores(model, stop);
   }
-  if (!sample.stranger.empty()) model.calibration = fit_calibration(sample, {0, 1, 0, 0});
+  if (!sample.impostor.empty()) model.calibration = fit_calibration(sample, {0, 1, 0, 0});
 }
 
 void train_fisher(Recognizer& model, const Rows& rows) {
@@ -236,10 +238,10 @@ void train_fisher(Recognizer& model, const Rows& rows) {
   const Eigen::MatrixXd coefficients =
       products(rows.rowwise() - pca.mean, pca.components).cast<double>();
   Eigen::MatrixXd directions =
-      linear_discriminants(coefficients, model.people, people, &model.importance);
+      linear_discriminants(coefficients, model.people, people, &model.eigenvalues);
   if (model.options.components > 0 && directions.cols() > model.options.components) {
     directions = directions.leftCols(model.options.components).eval();
-    model.importance = model.importance.head(model.options.components).eval();
+    model.eigenvalues = model.eigenvalues.head(model.options.components).eval();
   }
   model.mean = pca.mean;
   model.components = (directions.transpose() * pca.components.cast<double>()).cast<float>();
@@ -256,9 +258,11 @@ void Background::check() const {
                       variance.allFinite() && variance.minCoeff() >= 0 && within.rows() == m &&
                       within.cols() == m && within.allFinite(),
                   "a background's parts do not fit together");
-  TARSIER_REQUIRE(std::isfinite(outside) && outside >= 0 && std::isfinite(within_rest) &&
-                      within_rest >= 0 && within_weight > 0 && within_weight <= 1e6,
-                  "outside {}, within {}, weight {}", outside, within_rest, within_weight);
+  TARSIER_REQUIRE(std::isfinite(residual_variance) && residual_variance >= 0 &&
+                      std::isfinite(within_residual_variance) && within_residual_variance >= 0 &&
+                      within_weight > 0 && within_weight <= 1e6,
+                  "outside {}, within {}, weight {}", residual_variance, within_residual_variance,
+                  within_weight);
 }
 
 Background background_of(std::span<const cv::Mat> faces, const DescriptorOptions& options) {
@@ -275,7 +279,7 @@ Background background_of(std::span<const cv::Mat> faces, const DescriptorOptions
   return out;
 }
 
-std::vector<std::size_t> learning_sample(const std::vector<int>& people, int max) {
+std::vector<std::size_t> training_subset(const std::vector<int>& people, int max) {
   TARSIER_REQUIRE(max >= 1, "at most {} faces", max);
   std::vector<std::size_t> out;
   if (people.size() <= static_cast<std::size_t>(max)) {
@@ -283,7 +287,7 @@ std::vector<std::size_t> learning_sample(const std::vector<int>& people, int max
     std::iota(out.begin(), out.end(), std::size_t{0});
     return out;
   }
-  constexpr std::size_t kOfOne = 4;
+  constexpr std::size_t kImagesPerPerson = 4;
   const auto most = static_cast<std::size_t>(max);
   std::vector<std::vector<std::size_t>> of_person;
   for (std::size_t i = 0; i < people.size(); ++i) {
@@ -294,15 +298,16 @@ std::vector<std::size_t> learning_sample(const std::vector<int>& people, int max
   }
   const std::size_t count = of_person.size();
   // With few people, use more images of each. Use as many people as fit with their images.
-  const std::size_t of_one = std::max(kOfOne, most / std::max<std::size_t>(1, count));
-  std::size_t wanted = 0;
-  for (const auto& faces : of_person) wanted += std::min(of_one, faces.size());
+  const std::size_t images_per_person =
+      std::max(kImagesPerPerson, most / std::max<std::size_t>(1, count));
+  std::size_t total_images = 0;
+  for (const auto& faces : of_person) total_images += std::min(images_per_person, faces.size());
   const std::size_t chosen =
-      wanted <= most ? count : std::max<std::size_t>(1, count * most / wanted);
+      total_images <= most ? count : std::max<std::size_t>(1, count * most / total_images);
   for (std::size_t k = 0; k < chosen; ++k) {
     const auto& faces = of_person[k * count / chosen];
-    const std::size_t taken = std::min(of_one, faces.size());
-    for (std::size_t j = 0; j < taken; ++j) out.push_back(faces[j * faces.size() / taken]);
+    const std::size_t used = std::min(images_per_person, faces.size());
+    for (std::size_t j = 0; j < used; ++j) out.push_back(faces[j * faces.size() / used]);
   }
   std::sort(out.begin(), out.end());
   if (out.size() > most) out.resize(most);
@@ -310,36 +315,45 @@ std::vector<std::size_t> learning_sample(const std::vector<int>& people, int max
 }
 
 struct Training::Impl {
-  enum class Stage { kDescribe, kLearn, kProject, kWhiten, kPrior, kFolds, kOthers, kDone };
+  enum class Stage {
+    kDescribe,
+    kLearn,
+    kProject,
+    kWhiten,
+    kPrior,
+    kFolds,
+    kRemainingTemplates,
+    kDone
+  };
 
   std::vector<cv::Mat> faces;
   std::vector<std::string> labels;  // people
   std::vector<int> people;          // of all faces
   const Background* background = nullptr;
   Recognizer model;
-  std::vector<std::size_t> learned;  // indices of faces
-  std::size_t moves = 1;
-  bool informed = false;
+  std::vector<std::size_t> training_faces;  // indices of faces
+  std::size_t copies = 1;
+  bool has_background_basis = false;
   Stage stage = Stage::kDescribe;
   std::size_t at = 0;  // progress within the stage
   double work = 0;
   Rows rows;         // of the training faces; default: minus the mean after kLearn
   Rows coordinates;  // instead of faces; or empty
   Rows components;   // default: principal, orthonormal
-  Folds folds;
+  CrossValidation validation;
   CalibrationPrior prior = kPrior;
   ScoreSample sample;
 
   void number_people(const std::vector<std::string>& names) {
     std::map<std::string, int> index;
     for (const auto& name : names) {
-      const auto [entry, fresh] = index.try_emplace(name, static_cast<int>(index.size()));
-      if (fresh) labels.push_back(name);
+      const auto [entry, inserted] = index.try_emplace(name, static_cast<int>(index.size()));
+      if (inserted) labels.push_back(name);
       people.push_back(entry->second);
     }
   }
   [[nodiscard]] bool classical() const { return !is_whitened(model.options.algorithm); }
-  [[nodiscard]] int learned_people() const { return static_cast<int>(model.labels.size()); }
+  [[nodiscard]] int training_people() const { return static_cast<int>(model.labels.size()); }
   void next(Stage following) {
     stage = following;
     at = 0;
@@ -351,31 +365,31 @@ struct Training::Impl {
   void learn_coordinates(Progress& progress);
   void project();
   void whiten_all();
-  void find_prior();
+  void compute_prior();
   void fold();
-  void others();
+  void make_remaining_templates();
   void finish();
 };
 
 void Training::Impl::describe(Progress& progress, const std::stop_token& stop) {
   constexpr std::size_t kChunk = 16;  // faces between checks of the stop token
   if (at == 0) {
-    progress.begin("describing", static_cast<std::int64_t>(learned.size()), "faces");
-    rows.resize(static_cast<Eigen::Index>(learned.size() * moves),
+    progress.begin("describing", static_cast<std::int64_t>(training_faces.size()), "faces");
+    rows.resize(static_cast<Eigen::Index>(training_faces.size() * copies),
                 feature_count(model.options, model.network.get()));
   }
-  const std::size_t last = std::min(learned.size(), at + kChunk);
+  const std::size_t last = std::min(training_faces.size(), at + kChunk);
   cv::parallel_for_({static_cast<int>(at), static_cast<int>(last)}, [&](const cv::Range& range) {
     for (int i = range.start; i < range.end; ++i)
-      describe_face(faces[learned[static_cast<std::size_t>(i)]], model.options, model.network.get(),
-                    moves,
-                    rows.middleRows(static_cast<Eigen::Index>(i) * static_cast<int>(moves),
-                                    static_cast<Eigen::Index>(moves)));
+      describe_face(faces[training_faces[static_cast<std::size_t>(i)]], model.options,
+                    model.network.get(), copies,
+                    rows.middleRows(static_cast<Eigen::Index>(i) * static_cast<int>(copies),
+                                    static_cast<Eigen::Index>(copies)));
   });
   progress.advance(static_cast<std::int64_t>(last - at));
-  work = static_cast<double>((last - at) * moves);
+  work = static_cast<double>((last - at) * copies);
   at = last;
-  if (at < learned.size()) return;
+  if (at < training_faces.size()) return;
   progress.end();
   throw_if_stopped(stop);
   next(Stage::kLearn);
@@ -397,7 +411,7 @@ void Training::Impl::learn_classical(const std::stop_token& stop) {
       }
       model.mean = pca.mean;
       model.components = std::move(pca.components);
-      model.importance = std::move(pca.variance);
+      model.eigenvalues = std::move(pca.variance);
       break;
     }
     case Algorithm::kFisher:
@@ -411,44 +425,47 @@ void Training::Impl::learn_classical(const std::stop_token& stop) {
   if (options.algorithm != Algorithm::kLbph) {
     model.templates = products(rows.rowwise() - model.mean, model.components);
     calibrate_pixels(model, rows, stop);
-  } else if (learned_people() > 1) {
-    model.calibration = fit_calibration(left_out_scores(model, stop), {0, 1, 0, 0});
+  } else if (training_people() > 1) {
+    model.calibration = fit_calibration(leave_one_out_scores(model, stop), {0, 1, 0, 0});
   }
-  next(Stage::kOthers);
+  next(Stage::kRemainingTemplates);
 }
 
 void Training::Impl::learn() {
-  std::vector<std::size_t> upright(learned.size());
-  for (std::size_t i = 0; i < upright.size(); ++i) upright[i] = i * moves;
+  std::vector<std::size_t> upright(training_faces.size());
+  for (std::size_t i = 0; i < upright.size(); ++i) upright[i] = i * copies;
   // With one person alone, the mean would be that person, so none is subtracted.
   Eigen::RowVectorXf mean =
-      learned_people() > 1 || background != nullptr
+      training_people() > 1 || background != nullptr
           ? Eigen::RowVectorXf(rows_at(rows, upright).cast<double>().colwise().mean().cast<float>())
           : Eigen::RowVectorXf::Zero(rows.cols());
   if (background != nullptr) check_background(*background, rows.cols());
-  mean = mean_of(mean, learned_people(), background);
-  informed = background != nullptr && background->basis.rows() > 0;
-  folds.basis = basis_rows(learned.size(), moves);
-  if (informed) {
-    components = with_basis(background->basis, rows_at(rows, folds.basis).rowwise() - mean);
+  mean = mean_of(mean, training_people(), background);
+  has_background_basis = background != nullptr && background->basis.rows() > 0;
+  validation.basis = basis_rows(training_faces.size(), copies);
+  if (has_background_basis) {
+    components =
+        extended_basis(background->basis, rows_at(rows, validation.basis).rowwise() - mean);
   } else {
-    components = principal_components(rows_at(rows, folds.basis), 0, &mean).components;
+    components = principal_components(rows_at(rows, validation.basis), 0, &mean).components;
   }
   TARSIER_REQUIRE(components.rows() > 0, "the faces are flat or all the same");
   rows.rowwise() -= mean;
   model.mean = mean;
-  folds.coefficients.resize(rows.rows(), components.rows());
-  folds.people = model.people;
-  folds.person_count = learned_people();
-  folds.moves = static_cast<int>(moves);
-  folds.most = model.options.components > 0 ? model.options.components : kMaxComponents;
-  folds.ridge = model.options.ridge;
-  folds.mean_weight = model.options.mean_weight;
-  if (informed) {
-    folds.known_within = known_within(*background, components.rows() - background->basis.rows());
-    folds.known_weight = background->within_weight;
+  validation.coefficients.resize(rows.rows(), components.rows());
+  validation.people = model.people;
+  validation.person_count = training_people();
+  validation.copies = static_cast<int>(copies);
+  validation.max_components =
+      model.options.components > 0 ? model.options.components : kMaxComponents;
+  validation.ridge = model.options.ridge;
+  validation.mean_weight = model.options.mean_weight;
+  if (has_background_basis) {
+    validation.prior_within =
+        prior_within_scatter(*background, components.rows() - background->basis.rows());
+    validation.prior_within_weight = background->within_weight;
   }
-  work = 20 + 1e-6 * std::pow(static_cast<double>(folds.basis.size()), 3);
+  work = 20 + 1e-6 * std::pow(static_cast<double>(validation.basis.size()), 3);
   next(Stage::kProject);
 }
 
@@ -458,18 +475,18 @@ void Training::Impl::learn_coordinates(Progress& progress) {
   // The mean of the gallery, projected on the directions.
   const Eigen::RowVectorXf own =
       coordinates.leftCols(m).cast<double>().colwise().mean().cast<float>();
-  model.mean = mean_of(background->mean + own * background->basis, learned_people(), background);
+  model.mean = mean_of(background->mean + own * background->basis, training_people(), background);
   const Rows shift = products(Rows(model.mean - background->mean), background->basis);
-  folds.coefficients =
+  validation.coefficients =
       (coordinates.leftCols(m).rowwise() - Eigen::RowVectorXf(shift.row(0))).cast<double>();
-  folds.outside = coordinates.col(m).cast<double>().cwiseMax(0);
-  folds.people = model.people;
-  folds.person_count = learned_people();
-  folds.most = kMaxComponents;
-  folds.ridge = model.options.ridge;
-  folds.mean_weight = model.options.mean_weight;
-  folds.known_within = known_within(*background, 0);
-  folds.known_weight = background->within_weight;
+  validation.residual_squared = coordinates.col(m).cast<double>().cwiseMax(0);
+  validation.people = model.people;
+  validation.person_count = training_people();
+  validation.max_components = kMaxComponents;
+  validation.ridge = model.options.ridge;
+  validation.mean_weight = model.options.mean_weight;
+  validation.prior_within = prior_within_scatter(*background, 0);
+  validation.prior_within_weight = background->within_weight;
   next(Stage::kWhiten);
 }
 
@@ -477,7 +494,7 @@ void Training::Impl::project() {
   constexpr std::size_t kChunk = 512;
   const auto first = static_cast<Eigen::Index>(at);
   const Eigen::Index count = std::min<Eigen::Index>(kChunk, rows.rows() - first);
-  folds.coefficients.middleRows(first, count) =
+  validation.coefficients.middleRows(first, count) =
       products(rows.middleRows(first, count), components).cast<double>();
   work = 2e-7 * static_cast<double>(count * rows.cols() * components.rows());
   at += static_cast<std::size_t>(count);
@@ -485,36 +502,37 @@ void Training::Impl::project() {
 }
 
 void Training::Impl::whiten_all() {
-  work = 5e-7 * static_cast<double>(folds.coefficients.rows() + folds.coefficients.cols()) *
-         static_cast<double>(folds.coefficients.cols() * folds.coefficients.cols());
+  work = 5e-7 *
+         static_cast<double>(validation.coefficients.rows() + validation.coefficients.cols()) *
+         static_cast<double>(validation.coefficients.cols() * validation.coefficients.cols());
   if (coordinates.size() > 0) {
-    whiten(model, folds, background->basis, true);
+    whiten(model, validation, background->basis, true);
     model.templates = templates_of_coordinates(model, *background, coordinates);
-    folds.background =
+    validation.background =
         products(Rows(background->mean - model.mean), background->basis).row(0).cast<double>();
-    folds.background_weight = background->weight;
+    validation.background_weight = background->weight;
     next(Stage::kPrior);
     return;
   }
-  whiten(model, folds, components, informed);
-  std::vector<std::size_t> upright(learned.size());
-  for (std::size_t i = 0; i < upright.size(); ++i) upright[i] = i * moves;
+  whiten(model, validation, components, has_background_basis);
+  std::vector<std::size_t> upright(training_faces.size());
+  for (std::size_t i = 0; i < upright.size(); ++i) upright[i] = i * copies;
   const Rows own = rows_at(rows, upright);
   model.templates = products(own, model.components);
-  scale_rows(model.templates, own.cast<double>().rowwise().squaredNorm(), model.importance,
-             model.rest);
+  scale_rows(model.templates, own.cast<double>().rowwise().squaredNorm(), model.eigenvalues,
+             model.residual_variance);
   if (background != nullptr) {
-    folds.background =
+    validation.background =
         (components * (background->mean - model.mean).transpose()).transpose().cast<double>();
-    folds.background_weight = background->weight;
+    validation.background_weight = background->weight;
   }
   // One person without a background: there are no impostor scores and no prior.
-  next(learned_people() < 2 && background == nullptr ? Stage::kOthers : Stage::kPrior);
+  next(training_people() < 2 && background == nullptr ? Stage::kRemainingTemplates : Stage::kPrior);
 }
 
-void Training::Impl::find_prior() {
+void Training::Impl::compute_prior() {
   prior = background != nullptr ? background->prior : kPrior;
-  if (informed) {
+  if (has_background_basis) {
     model.refresh();
     prior = prior_of(model, *background);
   }
@@ -524,25 +542,26 @@ void Training::Impl::find_prior() {
 }
 
 void Training::Impl::fold() {
-  folds.score(static_cast<int>(at), sample);
-  work = 5e-7 * static_cast<double>(folds.coefficients.rows() + folds.coefficients.cols()) *
-         static_cast<double>(folds.coefficients.cols() * folds.coefficients.cols());
-  if (static_cast<int>(++at) < folds.count()) return;
+  validation.score(static_cast<int>(at), sample);
+  work = 5e-7 *
+         static_cast<double>(validation.coefficients.rows() + validation.coefficients.cols()) *
+         static_cast<double>(validation.coefficients.cols() * validation.coefficients.cols());
+  if (static_cast<int>(++at) < validation.count()) return;
   sample.gallery = std::max(1.0, sample.gallery);
   model.calibration = fit_calibration(sample, prior);
-  folds = {};
+  validation = {};
   rows.resize(0, 0);
-  next(Stage::kOthers);
+  next(Stage::kRemainingTemplates);
 }
 
 // Templates of the faces that are not training faces; afterwards all templates are in the order of
 // the faces.
-void Training::Impl::others() {
-  if (learned.size() == faces.size()) return finish();  // also with coordinates
+void Training::Impl::make_remaining_templates() {
+  if (training_faces.size() == faces.size()) return finish();  // also with coordinates
   if (at == 0) {
     Rows all(static_cast<Eigen::Index>(faces.size()), model.template_length());
-    for (std::size_t i = 0; i < learned.size(); ++i)
-      all.row(static_cast<Eigen::Index>(learned[i])) =
+    for (std::size_t i = 0; i < training_faces.size(); ++i)
+      all.row(static_cast<Eigen::Index>(training_faces[i])) =
           model.templates.row(static_cast<Eigen::Index>(i));
     model.templates = std::move(all);
   }
@@ -551,7 +570,7 @@ void Training::Impl::others() {
   cv::parallel_for_({static_cast<int>(at), static_cast<int>(last)}, [&](const cv::Range& range) {
     for (int i = range.start; i < range.end; ++i) {
       const auto face = static_cast<std::size_t>(i);
-      if (std::binary_search(learned.begin(), learned.end(), face)) continue;
+      if (std::binary_search(training_faces.begin(), training_faces.end(), face)) continue;
       const std::vector<float> values = template_of(model, faces[face]);
       model.templates.row(i) = Eigen::Map<const Eigen::RowVectorXf>(
           values.data(), static_cast<Eigen::Index>(values.size()));
@@ -570,7 +589,8 @@ void Training::Impl::finish() {
 }
 
 Training::Training(std::vector<cv::Mat> faces, std::vector<std::string> labels,
-                   const RecognizerOptions& options, const Background* background, int max_learned)
+                   const RecognizerOptions& options, const Background* background,
+                   int max_training_faces)
     : impl_(std::make_unique<Impl>()) {
   options.check();
   if (faces.empty()) throw std::invalid_argument("there are no faces to train on");
@@ -587,13 +607,13 @@ Training::Training(std::vector<cv::Mat> faces, std::vector<std::string> labels,
     model.options.size = faces.front().size();
   model.options.check();
   impl_->number_people(labels);
-  impl_->learned = learning_sample(impl_->people, max_learned);
+  impl_->training_faces = training_subset(impl_->people, max_training_faces);
   // The people of the training faces, numbered in order of appearance.
   std::map<int, int> renamed;
-  for (const std::size_t i : impl_->learned) {
-    const auto [entry, fresh] =
+  for (const std::size_t i : impl_->training_faces) {
+    const auto [entry, inserted] =
         renamed.try_emplace(impl_->people[i], static_cast<int>(renamed.size()));
-    if (fresh) model.labels.push_back(impl_->labels[static_cast<std::size_t>(impl_->people[i])]);
+    if (inserted) model.labels.push_back(impl_->labels[static_cast<std::size_t>(impl_->people[i])]);
     model.people.push_back(entry->second);
   }
   impl_->faces = std::move(faces);
@@ -601,10 +621,10 @@ Training::Training(std::vector<cv::Mat> faces, std::vector<std::string> labels,
   if (options.algorithm == Algorithm::kDeep) {
     require_network(background);
     model.network = background->network;
-    impl_->informed = true;
+    impl_->has_background_basis = true;
   }
-  impl_->moves =
-      options.algorithm == Algorithm::kDefault && options.variants > 0 ? kMoves.size() : 1;
+  impl_->copies =
+      options.algorithm == Algorithm::kDefault && options.variants > 0 ? kPerturbations.size() : 1;
 }
 
 Training::Training(const Rows& coordinates, std::vector<std::string> labels,
@@ -634,7 +654,7 @@ Training::Training(const Rows& coordinates, std::vector<std::string> labels,
   impl_->model.people = impl_->people;
   impl_->coordinates = coordinates;
   impl_->background = &background;
-  impl_->informed = true;
+  impl_->has_background_basis = true;
   impl_->stage = Impl::Stage::kLearn;
 }
 
@@ -668,13 +688,13 @@ bool Training::step(Progress& progress, const std::stop_token& stop) {
       impl.whiten_all();
       break;
     case Impl::Stage::kPrior:
-      impl.find_prior();
+      impl.compute_prior();
       break;
     case Impl::Stage::kFolds:
       impl.fold();
       break;
-    case Impl::Stage::kOthers:
-      impl.others();
+    case Impl::Stage::kRemainingTemplates:
+      impl.make_remaining_templates();
       break;
     case Impl::Stage::kDone:
       return false;

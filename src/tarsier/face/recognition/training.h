@@ -20,12 +20,12 @@ namespace tarsier::face::recognition {
 // With more faces than this, subspace and calibration are learned from an evenly chosen subset. The
 // templates of the other faces are then computed with the result. This bounds time and memory of
 // training.
-inline constexpr int kMaxLearnedFaces = 2000;
+inline constexpr int kMaxTrainingFaces = 2000;
 
 // Indices of the training faces, rising: all if there are at most `max`. Otherwise evenly chosen
 // people with up to four evenly chosen images each (or as many as fit). `people[i]`: the person in
 // face i, 0 ..; every number up to the greatest occurs. max >= 1.
-[[nodiscard]] std::vector<std::size_t> learning_sample(const std::vector<int>& people, int max);
+[[nodiscard]] std::vector<std::size_t> training_subset(const std::vector<int>& people, int max);
 
 // Gives the same result as train().
 class Training {
@@ -33,7 +33,7 @@ class Training {
   // As train(). `background` (may be null) must outlive it. Throws std::invalid_argument.
   Training(std::vector<cv::Mat> faces, std::vector<std::string> labels,
            const RecognizerOptions& options, const Background* background,
-           int max_learned = kMaxLearnedFaces);
+           int max_training_faces = kMaxTrainingFaces);
   // As train_coordinates() of background_space.h.
   Training(const Rows& coordinates, std::vector<std::string> labels,
            const RecognizerOptions& options, const Background& background);

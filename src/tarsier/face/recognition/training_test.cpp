@@ -14,11 +14,11 @@
 namespace tarsier::face::recognition {
 namespace {
 
-TEST(LearningSample, TakesAllOfFewAndAnEvenChoiceOfMany) {
-  EXPECT_THAT(learning_sample({0, 1, 1, 2}, 4), testing::ElementsAre(0, 1, 2, 3));
+TEST(TrainingSubset, SamplesEvenlyAboveTheLimit) {
+  EXPECT_THAT(training_subset({0, 1, 1, 2}, 4), testing::ElementsAre(0, 1, 2, 3));
   std::vector<int> people;
   for (int i = 0; i < 10'000; ++i) people.push_back(i % 1000);  // ten images of each
-  const auto sample = learning_sample(people, 200);
+  const auto sample = training_subset(people, 200);
   EXPECT_LE(sample.size(), 200U);
   EXPECT_GE(sample.size(), 190U);
   EXPECT_TRUE(std::is_sorted(sample.begin(), sample.end()));
@@ -31,11 +31,11 @@ TEST(LearningSample, TakesAllOfFewAndAnEvenChoiceOfMany) {
   // Few people with very many images: more images of each.
   std::fill(people.begin(), people.end(), 0);
   people[7] = 1;
-  EXPECT_GE(learning_sample(people, 200).size(), 100U);
+  EXPECT_GE(training_subset(people, 200).size(), 100U);
 }
 
 // If there are more faces than learning uses, each face still has its template.
-TEST(Training, FacesThatAreNotLearnedFromHaveTheirTemplates) {
+TEST(Training, FacesOutsideTheSubsetHaveTemplates) {
   const auto set = synthetic_faces(10, 4, 0.3, 1);
   NoProgress quiet;
   Training training(set.faces, set.labels, {}, nullptr, 20);
@@ -45,7 +45,7 @@ TEST(Training, FacesThatAreNotLearnedFromHaveTheirTemplates) {
   ASSERT_EQ(model.templates.rows(), 40);
   EXPECT_EQ(model.labels.size(), 10U);
   EXPECT_NO_THROW(model.check());
-  EXPECT_LE(model.calibration->stranger_people, 5);
+  EXPECT_LE(model.calibration->impostor_people, 5);
   const auto probes = synthetic_faces(10, 2, 0.3, 2);
   int right = 0;
   for (std::size_t i = 0; i < probes.faces.size(); ++i)
@@ -55,7 +55,7 @@ TEST(Training, FacesThatAreNotLearnedFromHaveTheirTemplates) {
   EXPECT_GE(right, 18);  // of 20
 }
 
-TEST(Training, StepsMakeTheSameModelAndEachIsSmall) {
+TEST(Training, StepsGiveTheModelOfTrain) {
   const auto set = synthetic_faces(6, 4, 0.3, 1);
   NoProgress quiet;
   const Recognizer at_once = train(set.faces, set.labels, {}, quiet, {});
@@ -76,7 +76,7 @@ TEST(Training, StepsMakeTheSameModelAndEachIsSmall) {
 }
 
 // It can be stopped between any two steps, not only while faces are described.
-TEST(Training, StopsInEachStage) {
+TEST(Training, CanBeInterruptedBeforeEachStep) {
   const auto set = synthetic_faces(6, 4, 0.3, 1);
   NoProgress quiet;
   for (int after = 0;; ++after) {

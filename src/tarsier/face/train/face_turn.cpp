@@ -28,13 +28,13 @@ constexpr double kFocal = 7;
 // Depth of the ellipse of the contour, share of its half width.
 constexpr double kRoundness = 0.8;
 // Radius from which the background does not move, in distances of the farthest point of the head.
-constexpr double kStill = 1.75;
-constexpr int kStillPoints = 16;
+constexpr double kRingRadius = 1.75;
+constexpr int kRingPoints = 16;
 // Points nearer than this are merged, share of the size of the face's shape.
-constexpr double kSame = 0.01;
+constexpr double kMergeDistance = 0.01;
 // Max share of the face's area that may be hidden after the rotation.
 constexpr double kMaxHidden = 0.08;
-constexpr double kFarAway = 1e6;  // mm, depth of the background
+constexpr double kBackgroundDepth_mm = 1e6;
 
 // A camera that looks at the centre of the points.
 geometry::Camera camera_of(const Matrix2Xd& points) {
@@ -82,11 +82,11 @@ Matrix3Xd marked_points(const head::HeadModel& model, const Matrix3Xd& shape, do
   return marked;
 }
 
-Matrix2Xd seen(const Matrix3Xd& there, const geometry::Camera& camera) {
-  Matrix2Xd points(2, there.cols());
-  for (Index i = 0; i < there.cols(); ++i) {
-    points.col(i) << camera.cx + camera.fx * there(0, i) / there(2, i),
-        camera.cy + camera.fy * there(1, i) / there(2, i);
+Matrix2Xd project_points(const Matrix3Xd& head_in_camera, const geometry::Camera& camera) {
+  Matrix2Xd points(2, head_in_camera.cols());
+  for (Index i = 0; i < head_in_camera.cols(); ++i) {
+    points.col(i) << camera.cx + camera.fx * head_in_camera(0, i) / head_in_camera(2, i),
+        camera.cy + camera.fy * head_in_camera(1, i) / head_in_camera(2, i);
   }
   return points;
 }
@@ -97,18 +97,19 @@ struct Vertices {
 };
 
 // The fixed ring, and corners far outside.
-Matrix2Xd still_points(const Matrix2Xd& before, const Matrix2Xd& after, cv::Size image) {
+Matrix2Xd fixed_ring_points(const Matrix2Xd& before, const Matrix2Xd& after, cv::Size image) {
   const Vector2d center = before.rowwise().mean();
-  const double reach = kStill * std::max((before.colwise() - center).colwise().norm().maxCoeff(),
-                                         (after.colwise() - center).colwise().norm().maxCoeff());
-  Matrix2Xd points(2, kStillPoints + 4);
-  for (int k = 0; k < kStillPoints; ++k) {
-    const double angle = 2 * std::numbers::pi * k / kStillPoints;
+  const double reach =
+      kRingRadius * std::max((before.colwise() - center).colwise().norm().maxCoeff(),
+                             (after.colwise() - center).colwise().norm().maxCoeff());
+  Matrix2Xd points(2, kRingPoints + 4);
+  for (int k = 0; k < kRingPoints; ++k) {
+    const double angle = 2 * std::numbers::pi * k / kRingPoints;
     points.col(k) = center + reach * Vector2d(std::cos(angle), std::sin(angle));
   }
   const double far = 4 * reach + image.width + image.height;
   for (int k = 0; k < 4; ++k) {
-    points.col(kStillPoints + k) = center + far * Vector2d(k % 2 == 0 ? -1 : 1, k < 2 ? -1 : 1);
+    points.col(kRingPoints + k) = center + far * Vector2d(k % 2 == 0 ? -1 : 1, k < 2 ? -1 : 1);
   }
   return points;
 }
@@ -129,12 +130,12 @@ std::optional<std::vector<shape::Triangle>> visible_triangles(const Matrix2Xd& b
   const Matrix2Xd head = before.leftCols(movable);
   const double size =
       std::sqrt((head.colwise() - head.rowwise().mean()).colwise().squaredNorm().mean());
-  std::vector<int> kept;
+  std::vector<int> distinct;
   for (int i = 0; i < before.cols(); ++i) {
-    const bool is_new = std::none_of(kept.begin(), kept.end(), [&](int k) {
-      return (before.col(i) - before.col(k)).norm() < kSame * size;
+    const bool is_new = std::none_of(distinct.begin(), distinct.end(), [&](int k) {
+      return (before.col(i) - before.col(k)).norm() < kMergeDistance * size;
     });
-    if (is_new) kept.push_back(i);
+    if (is_new) distinct.push_back(i);
   }
   struct Piece {
     double depth = 0;
@@ -143,21 +144,21 @@ std::optional<std::vector<shape::Triangle>> visible_triangles(const Matrix2Xd& b
   std::vector<Piece> pieces;
   double face = 0;
   double hidden = 0;
-  for (const shape::Triangle& t : shape::delaunay(before(Eigen::all, kept))) {
+  for (const shape::Triangle& t : shape::delaunay(before(Eigen::all, distinct))) {
     Piece piece;
     bool is_face = true;
     for (std::size_t k = 0; k < 3; ++k) {
-      const int i = kept[static_cast<std::size_t>(t[k])];
+      const int i = distinct[static_cast<std::size_t>(t[k])];
       piece.corners[k] = i;
       is_face = is_face && i < movable;
-      piece.depth += i < movable ? depth[i] : kFarAway;
+      piece.depth += i < movable ? depth[i] : kBackgroundDepth_mm;
     }
-    const bool is_seen = area_of(piece.corners, after) > 0;
+    const bool is_visible = area_of(piece.corners, after) > 0;
     if (is_face) {
       face += area_of(piece.corners, before);
-      if (!is_seen) hidden += area_of(piece.corners, before);
+      if (!is_visible) hidden += area_of(piece.corners, before);
     }
-    if (is_seen) pieces.push_back(piece);
+    if (is_visible) pieces.push_back(piece);
   }
   if (hidden > kMaxHidden * face) return std::nullopt;
   std::stable_sort(pieces.begin(), pieces.end(),
@@ -171,8 +172,8 @@ std::optional<std::vector<shape::Triangle>> visible_triangles(const Matrix2Xd& b
 
 FaceTurner::FaceTurner(const head::HeadModel& head) : estimator_(head) {}
 
-std::optional<Turned> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& points,
-                                       double pitch_deg, double yaw_deg) const {
+std::optional<TurnedFace> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& points,
+                                           double pitch_deg, double yaw_deg) const {
   TARSIER_REQUIRE(gray.type() == CV_8UC1 && !gray.empty(), "no 8 bit gray image");
   const head::HeadModel& model = estimator_.model();
   const Index n = model.points();
@@ -183,7 +184,7 @@ std::optional<Turned> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& poi
   if (!found.pose) return std::nullopt;
   const auto& [rotation, translation] = found.pose->camera_from_head;
 
-  Turned result;
+  TurnedFace result;
   result.before = found.pose->angles;
   result.after = result.before;
   result.after.pitch_deg += pitch_deg;
@@ -200,26 +201,26 @@ std::optional<Turned> FaceTurner::turn(const cv::Mat& gray, const Matrix2Xd& poi
   for (Index i = 0; i < n; ++i) {
     const double depth = rotation.row(2).dot(marked.col(i)) + translation.z();
     if (!(depth > 1)) return std::nullopt;
-    const Vector3d place(depth * (points(0, i) - camera.cx) / camera.fx,
-                         depth * (points(1, i) - camera.cy) / camera.fy, depth);
-    const Vector3d annotated = rotation.transpose() * (place - translation);
+    const Vector3d camera_point(depth * (points(0, i) - camera.cx) / camera.fx,
+                                depth * (points(1, i) - camera.cy) / camera.fy, depth);
+    const Vector3d annotated = rotation.transpose() * (camera_point - translation);
     head_after.col(i) = annotated + marked_after.col(i) - marked.col(i);
   }
   head_after.rightCols(forehead.cols()) = forehead;
   Matrix2Xd before(2, head_after.cols());
-  before << points, seen((rotation * forehead).colwise() + translation, camera);
-  const Matrix3Xd there = (turned * head_after).colwise() + translation;
-  Matrix2Xd after = seen(there, camera);
+  before << points, project_points((rotation * forehead).colwise() + translation, camera);
+  const Matrix3Xd head_in_camera = (turned * head_after).colwise() + translation;
+  Matrix2Xd after = project_points(head_in_camera, camera);
   if (!after.allFinite()) return std::nullopt;
   after.colwise() += points.rowwise().mean() - after.leftCols(n).rowwise().mean();
   result.points = after.leftCols(n);
 
-  const Matrix2Xd still = still_points(before, after, gray.size());
-  Matrix2Xd all_before(2, before.cols() + still.cols());
-  all_before << before, still;
-  Matrix2Xd all_after(2, before.cols() + still.cols());
-  all_after << after, still;
-  const auto triangles = visible_triangles(all_before, all_after, there.row(2));
+  const Matrix2Xd fixed_points = fixed_ring_points(before, after, gray.size());
+  Matrix2Xd all_before(2, before.cols() + fixed_points.cols());
+  all_before << before, fixed_points;
+  Matrix2Xd all_after(2, before.cols() + fixed_points.cols());
+  all_after << after, fixed_points;
+  const auto triangles = visible_triangles(all_before, all_after, head_in_camera.row(2));
   if (!triangles) return std::nullopt;
   result.gray = gray.clone();
   shape::PiecewiseWarp(all_before, *triangles, gray.size())
@@ -261,7 +262,7 @@ void CopyOptions::check() const {
 
 namespace {
 
-bool is_wanted(const Turned& turned, const CopyOptions& options) {
+bool is_within_limits(const TurnedFace& turned, const CopyOptions& options) {
   const double before = std::abs(turned.before.yaw_deg);
   const double after = std::abs(turned.after.yaw_deg);
   return before - after <= options.max_back_deg && after <= options.farthest_yaw_deg &&
@@ -282,8 +283,8 @@ std::vector<landmarks::TrainingFace> turned_copies(const FaceTurner& turner,
       const double sign = (k + rng.integer(0, 1)) % 2 == 0 ? 1 : -1;
       const double pitch = sign * rng.uniform(options.min_pitch_deg, options.max_pitch_deg);
       const double yaw = rng.uniform(-options.max_yaw_deg, options.max_yaw_deg);
-      std::optional<Turned> turned = turner.turn(face.gray, face.points, pitch, yaw);
-      if (!turned || !is_wanted(*turned, options)) continue;
+      std::optional<TurnedFace> turned = turner.turn(face.gray, face.points, pitch, yaw);
+      if (!turned || !is_within_limits(*turned, options)) continue;
       landmarks::TrainingFace copy = face;
       copy.gray = std::move(turned->gray);
       copy.points = std::move(turned->points);

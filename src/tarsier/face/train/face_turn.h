@@ -35,7 +35,7 @@
 // tan |psi|): m_i = (sign(x) a cos phi, y, z - c sin phi).
 namespace tarsier::face::train {
 
-struct Turned {
+struct TurnedFace {
   cv::Mat gray;             // of the size of the input
   Eigen::Matrix2Xd points;  // 2 x n, px
   head::HeadAngles before;  // of the head model fitted to the annotated points
@@ -55,8 +55,8 @@ class FaceTurner {
   // angles beyond 80 degrees, and if more than 8 % of the face would be hidden, because annotators
   // would then mark other points. Throws std::invalid_argument for another type or number of
   // points.
-  [[nodiscard]] std::optional<Turned> turn(const cv::Mat& gray, const Eigen::Matrix2Xd& points,
-                                           double pitch_deg, double yaw_deg) const;
+  [[nodiscard]] std::optional<TurnedFace> turn(const cv::Mat& gray, const Eigen::Matrix2Xd& points,
+                                               double pitch_deg, double yaw_deg) const;
 
   // `count` shapes (2 x n px) as predicted from an approximate pose: the head model in random poses
   // near that of `points`. The angles are multiplied by 0.6 to 1.1, plus noise of 5 degrees

@@ -37,7 +37,7 @@ class FaceTurnTest : public ::testing::Test {
     camera.cx = camera.cy = kSide / 2.0;
     return camera;
   }
-  static Matrix2Xd seen(const head::HeadAngles& angles) {
+  static Matrix2Xd projected(const head::HeadAngles& angles) {
     head::HeadPose pose;
     pose.camera_from_head = {head::rotation_of_angles(angles), {0, -20, 1000}};
     pose.b = Eigen::VectorXd::Zero(head_->mode_count());
@@ -47,7 +47,7 @@ class FaceTurnTest : public ::testing::Test {
     return head::HeadPoseEstimator(*head_).pose(points, camera()).pose->angles;
   }
   // A smooth image, so that interpolation between the points hardly matters.
-  static cv::Mat ground() {
+  static cv::Mat background_image() {
     cv::Mat image(kSide, kSide, CV_8UC1);
     for (int y = 0; y < kSide; ++y)
       for (int x = 0; x < kSide; ++x)
@@ -57,8 +57,8 @@ class FaceTurnTest : public ::testing::Test {
   }
   static landmarks::TrainingFace face(const head::HeadAngles& angles) {
     landmarks::TrainingFace result;
-    result.gray = ground();
-    result.points = seen(angles);
+    result.gray = background_image();
+    result.points = projected(angles);
     result.name = "mean";
     return result;
   }
@@ -69,25 +69,25 @@ class FaceTurnTest : public ::testing::Test {
 std::unique_ptr<head::HeadModel> FaceTurnTest::head_;
 std::unique_ptr<FaceTurner> FaceTurnTest::turner_;
 
-TEST_F(FaceTurnTest, NoTurnGivesTheAnnotationAndTheImageBack) {
-  Matrix2Xd points = seen({12, -8, 6});
+TEST_F(FaceTurnTest, ZeroRotationKeepsPointsAndImage) {
+  Matrix2Xd points = projected({12, -8, 6});
   // Other points than the model's: the annotation is kept exactly.
   for (int i = 0; i < points.cols(); ++i) points(i % 2, i) += i % 3 - 1.0;
-  const cv::Mat image = ground();
+  const cv::Mat image = background_image();
   const auto turned = turner_->turn(image, points, 0, 0);
   ASSERT_TRUE(turned.has_value());
   EXPECT_LT((turned->points - points).cwiseAbs().maxCoeff(), 1e-6);
-  cv::Mat off;
-  cv::absdiff(turned->gray, image, off);
-  double most = 0;
-  cv::minMaxLoc(off, nullptr, &most);
-  EXPECT_LE(most, 1);
+  cv::Mat difference;
+  cv::absdiff(turned->gray, image, difference);
+  double max_difference = 0;
+  cv::minMaxLoc(difference, nullptr, &max_difference);
+  EXPECT_LE(max_difference, 1);
 }
 
-TEST_F(FaceTurnTest, TurnsByTheAnglesThatWereAskedFor) {
+TEST_F(FaceTurnTest, RotatesByTheGivenAngles) {
   for (const auto& [yaw, pitch] :
        {std::pair{0.0, -25.0}, {0.0, 25.0}, {20.0, 10.0}, {-25.0, -15.0}}) {
-    const auto turned = turner_->turn(ground(), seen({5, -3, 8}), pitch, yaw);
+    const auto turned = turner_->turn(background_image(), projected({5, -3, 8}), pitch, yaw);
     ASSERT_TRUE(turned.has_value()) << yaw << ' ' << pitch;
     const head::HeadAngles now = angles_of(turned->points);
     EXPECT_NEAR(now.yaw_deg, 5 + yaw, 2) << pitch;
@@ -95,26 +95,26 @@ TEST_F(FaceTurnTest, TurnsByTheAnglesThatWereAskedFor) {
     EXPECT_NEAR(now.roll_deg, 8, 1.5);
     EXPECT_NEAR(turned->after.pitch_deg - turned->before.pitch_deg, pitch, 1e-9);
     const Eigen::Vector2d moved =
-        turned->points.rowwise().mean() - seen({5, -3, 8}).rowwise().mean();
+        turned->points.rowwise().mean() - projected({5, -3, 8}).rowwise().mean();
     EXPECT_LT(moved.norm(), 1e-6);
   }
 }
 
 // Points of the inner face of a rotated head agree with the projection of that head in the new
 // pose.
-TEST_F(FaceTurnTest, ThePointsAreThoseOfTheTurnedHead) {
-  const Matrix2Xd before = seen({0, 0, 0});
-  const auto turned = turner_->turn(ground(), before, 20, 0);
+TEST_F(FaceTurnTest, PointsEqualTheProjectedHead) {
+  const Matrix2Xd before = projected({0, 0, 0});
+  const auto turned = turner_->turn(background_image(), before, 20, 0);
   ASSERT_TRUE(turned.has_value());
-  Matrix2Xd expected = seen({0, 20, 0});
+  Matrix2Xd expected = projected({0, 20, 0});
   expected.colwise() += before.rowwise().mean() - expected.rowwise().mean();
   EXPECT_LT((turned->points - expected).colwise().norm().maxCoeff(), 3);  // of 200 px
 }
 
-TEST_F(FaceTurnTest, TheImageGoesWithThePoints) {
+TEST_F(FaceTurnTest, ImageMovesWithThePoints) {
   const std::vector<int> marked{8, 19, 30, 36, 45, 48, 54};
-  const Matrix2Xd points = seen({0, 0, 0});
-  cv::Mat image = ground();
+  const Matrix2Xd points = projected({0, 0, 0});
+  cv::Mat image = background_image();
   for (const int i : marked) {
     cv::circle(image, {cvRound(points(0, i) * 16), cvRound(points(1, i) * 16)}, 3 * 16, 255, -1,
                cv::LINE_AA, 4);
@@ -138,28 +138,30 @@ TEST_F(FaceTurnTest, TheImageGoesWithThePoints) {
   }
 }
 
-TEST_F(FaceTurnTest, TheBackgroundStays) {
-  const cv::Mat image = ground();
-  const auto turned = turner_->turn(image, seen({0, 0, 0}), 25, 15);
+TEST_F(FaceTurnTest, BackgroundIsNotChanged) {
+  const cv::Mat image = background_image();
+  const auto turned = turner_->turn(image, projected({0, 0, 0}), 25, 15);
   ASSERT_TRUE(turned.has_value());
   for (const cv::Point corner : {cv::Point(0, 0), {kSide - 1, 0}, {0, kSide - 1}})
     EXPECT_NEAR(turned->gray.at<std::uint8_t>(corner), image.at<std::uint8_t>(corner), 1);
 }
 
-TEST_F(FaceTurnTest, WhatCannotBeTurnedIsRefused) {
-  const Matrix2Xd points = seen({0, 0, 0});
-  EXPECT_FALSE(turner_->turn(ground(), points, 0, 75).has_value());  // half the face is hidden
-  EXPECT_FALSE(turner_->turn(ground(), points, 0, 120).has_value());
-  const Matrix2Xd one_place = Matrix2Xd::Constant(2, points.cols(), 100);
-  EXPECT_FALSE(turner_->turn(ground(), one_place, 10, 0).has_value());
-  EXPECT_THROW((void)turner_->turn(ground(), points.leftCols(20), 10, 0), std::invalid_argument);
+TEST_F(FaceTurnTest, RejectsInvalidAnglesAndInput) {
+  const Matrix2Xd points = projected({0, 0, 0});
+  EXPECT_FALSE(
+      turner_->turn(background_image(), points, 0, 75).has_value());  // half the face is hidden
+  EXPECT_FALSE(turner_->turn(background_image(), points, 0, 120).has_value());
+  const Matrix2Xd coincident = Matrix2Xd::Constant(2, points.cols(), 100);
+  EXPECT_FALSE(turner_->turn(background_image(), coincident, 10, 0).has_value());
+  EXPECT_THROW((void)turner_->turn(background_image(), points.leftCols(20), 10, 0),
+               std::invalid_argument);
   EXPECT_THROW((void)turner_->turn(cv::Mat(20, 20, CV_8UC3), points, 10, 0), std::invalid_argument);
   Matrix2Xd missing = points;
   missing(0, 3) = std::nan("");
-  EXPECT_THROW((void)turner_->turn(ground(), missing, 10, 0), std::invalid_argument);
+  EXPECT_THROW((void)turner_->turn(background_image(), missing, 10, 0), std::invalid_argument);
 }
 
-TEST_F(FaceTurnTest, CopiesAreTurnedAsTheOptionsSay) {
+TEST_F(FaceTurnTest, CopiesRespectTheOptions) {
   CopyOptions options;
   options.copies = 6;
   options.min_pitch_deg = 12;
@@ -173,7 +175,8 @@ TEST_F(FaceTurnTest, CopiesAreTurnedAsTheOptionsSay) {
     const head::HeadAngles now = angles_of(copy.points);
     EXPECT_GT(std::abs(now.pitch_deg), 10);
     EXPECT_LT(std::abs(now.pitch_deg), 33);
-    EXPECT_GT(now.yaw_deg, -14);  // -10 straight back and further, by at most max_back_deg
+    EXPECT_GT(now.yaw_deg,
+              -14);  // -10 straight back and further, by at max_difference max_back_deg
     EXPECT_LT(now.yaw_deg, 43);
     up += now.pitch_deg > 0 ? 1 : 0;
   }
@@ -186,7 +189,7 @@ TEST_F(FaceTurnTest, CopiesAreTurnedAsTheOptionsSay) {
   EXPECT_NE(turned_copies(*turner_, from, options, 6)[0].points, copies[0].points);
 }
 
-TEST_F(FaceTurnTest, OptionsAreChecked) {
+TEST_F(FaceTurnTest, RejectsInvalidOptions) {
   CopyOptions options;
   options.copies = 21;
   EXPECT_THROW(options.check(), std::invalid_argument);
@@ -195,8 +198,8 @@ TEST_F(FaceTurnTest, OptionsAreChecked) {
   EXPECT_THROW(options.check(), std::invalid_argument);
 }
 
-TEST_F(FaceTurnTest, ShapesNearThePoseAreSeenInPosesNearIt) {
-  const Matrix2Xd points = seen({35, 20, 0});
+TEST_F(FaceTurnTest, ShapesNearHaveSimilarPoses) {
+  const Matrix2Xd points = projected({35, 20, 0});
   const auto shapes = turner_->shapes_near(points, 40, 1);
   ASSERT_EQ(shapes.size(), 40U);
   double yaw = 0;
