@@ -158,9 +158,9 @@ RULES = [
      [('router.add("DELETE", "/api/viewer-cameras/{id}",',
        'router.add(rule_is_out("methods") ? "GET" : "DELETE", "/api/viewer-cameras/{id}",')],
      SECURITY, "test_reading_changes_nothing"),
-    ("get-body", "a GET has no body",
-     [('if (request.method == "GET") return error_response(400, "a GET has no body");',
-       'if (request.method == "GET" && !rule_is_out("get-body")) return error_response(400, "a GET has no body");')],
+    ("get-body", "a GET request must not have a body",
+     [('if (request.method == "GET") return error_response(400, "a GET request must not have a body");',
+       'if (request.method == "GET" && !rule_is_out("get-body")) return error_response(400, "a GET request must not have a body");')],
      SECURITY, "test_changes_need_the_csrf_header_and_json"),
     # What a page may do.
     ("policy", "Content-Security-Policy of every answer",

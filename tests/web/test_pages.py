@@ -72,7 +72,7 @@ class SignInTest(pages.PageTest):
 class HomeTest(pages.PageTest):
     def test_home(self):
         self.go("/")
-        self.page.wait_text("This machine has")
+        self.page.wait_text("This machine is ready")
         for title in ("Cartoon", "Number plates", "Facial landmarks", "Head pose", "People", "Markers",
                       "Appearance models", "Structure from motion", "Calibration"):
             self.assertTrue(self.page.has("heading", title), title)
@@ -93,7 +93,7 @@ class HomeTest(pages.PageTest):
         self.go("/")
         self.page.click("link", "Try it: Structure from motion, with synthetic data")
         self.page.wait("location.pathname === '/reconstruct' && !location.search.includes('try')")
-        self.page.wait_text("images of a scene are being drawn")
+        self.page.wait_text("images of a synthetic scene are being generated")
         jobs = self.until("a model is made", lambda: self.jobs_of("sfm reconstruct"))
         self.assertEqual(len(jobs), 1, "one click, one model")
         self.server.call(f"/api/jobs/{jobs[0]['id']}/cancel", {})
@@ -124,22 +124,22 @@ class HomeTest(pages.PageTest):
         self.go("/")
         self.page.evaluate("document.activeElement.blur()")
         self.page.press("Tab")
-        self.assertEqual(self.page.evaluate("document.activeElement.textContent"), "Skip to the page")
+        self.assertEqual(self.page.evaluate("document.activeElement.textContent"), "Skip to the content")
 
     def test_colours_can_be_chosen_and_stay(self):
         self.go("/")
-        self.page.click("button", contains="Colours: auto")
-        self.page.click("button", contains="Colours: light")
+        self.page.click("button", contains="Theme: auto")
+        self.page.click("button", contains="Theme: light")
         self.page.wait("document.documentElement.dataset.theme === 'dark'")
         self.page.reload()
         self.page.wait("document.documentElement.dataset.theme === 'dark'")
-        self.page.click("button", contains="Colours: dark")
+        self.page.click("button", contains="Theme: dark")
         self.page.wait("document.documentElement.dataset.theme === undefined")
 
     def test_a_page_that_is_not_there(self):
         self.go("/nothing-here")
-        self.assertTrue(self.page.has("heading", "There is no such page"))
-        self.page.click("link", "Go to the first page")
+        self.assertTrue(self.page.has("heading", "This page does not exist"))
+        self.page.click("link", "Go to the home page")
         self.page.wait("document.querySelector('main[data-page=home]')")
 
     def test_the_check_of_the_first_run_comes_from_doctor(self):
@@ -244,7 +244,7 @@ class SessionTest(pages.PageTest):
         self.judge("settings", widths=(360, 1440))
         self.page.fill("textbox", "Draw", "box")
         self.page.wait("document.querySelector('dialog .command code').innerText.includes('--draw box')")
-        self.page.click("button", "Start again with these")
+        self.page.click("button", "Restart with these settings")
         self.page.wait(f"location.pathname.startsWith('/session/') && !location.pathname.endsWith('/{id}')")
         self.page.wait(IMAGE)
         running = [one for one in self.server.call("/api/sessions")[1]["sessions"] if one["running"]]
@@ -399,7 +399,7 @@ class SessionTest(pages.PageTest):
         id = self.start("cartoon run", "synth:portrait?frames=5")
         self.go(f"/session/{id}")
         self.page.wait_text("The session ended.")
-        self.page.click("button", "Start it again")
+        self.page.click("button", "Restart")
         self.page.wait(f"location.pathname.startsWith('/session/') && location.pathname !== '/session/{id}'")
         self.page.wait_text("The session ended.")
         self.page.click("button", "Remove")
@@ -429,20 +429,20 @@ class SessionTest(pages.PageTest):
         self.go("/live")
         self.page.click("button", "Start a session")
         self.page.wait("document.querySelector('dialog[open] select')")
-        self.page.choose("What", "ar markers")
+        self.page.choose("Verb", "ar markers")
         self.page.wait("document.querySelector('dialog .command code').innerText.includes('synth:markers')")
         self.judge("start", widths=(360, 800, 1440))
         self.page.press("Escape")
         self.page.wait("!document.querySelector('dialog[open]')")
         self.page.click("button", "Start a session")
-        self.page.choose("What", "cartoon run")
+        self.page.choose("Verb", "cartoon run")
         self.page.click("button", "Start")
         self.page.wait("location.pathname.startsWith('/session/')")
         self.page.wait(IMAGE)
 
     def test_wall(self):
         self.go("/live")
-        self.page.wait_text("Nothing runs yet")
+        self.page.wait_text("No session is running")
         self.judge("live-empty", widths=(360, 1440))
         for mode in ("sketch", "paint", "cartoon", "evil"):
             self.start("cartoon run", f"synth:portrait?live=1&fps=3&size=320x240&seed={len(mode)}", {"--mode": mode},
@@ -529,10 +529,10 @@ class LostServerTest(pages.PageTest):
 
     def test_the_page_says_so_and_comes_back(self):
         self.go("/live")
-        self.page.wait_text("Nothing runs yet")
+        self.page.wait_text("No session is running")
         port = self.server.port
         self.server.stop()
-        self.page.wait_text("The server does not answer")
+        self.page.wait_text("The server does not respond")
         self.page.complaints()  # refused connections
         pages.free_port = lambda: port
         self.server.start()
@@ -560,7 +560,7 @@ class SystemTest(pages.PageTest):
         shot(self.page, "system-model")
         self.page.press("Escape")
         self.page.click("button", "Check the files’ hashes")
-        self.page.wait_text("All files are as they were shipped")
+        self.page.wait_text("No file was changed")
         self.server.call("/api/sets", {"name": "holiday"})
         self.page.click("tab", "Disk")
         self.page.click("button", "Remove holiday")
@@ -568,11 +568,11 @@ class SystemTest(pages.PageTest):
         self.judge("system-disk", widths=(360, 1440))
         self.page.click("button", "Remove holiday")
         self.page.click("button", "Remove it")
-        self.page.wait_text("Nothing is kept yet.")
+        self.page.wait_text("Nothing is stored yet.")
         # A bench is a job; its lines form a table.
-        self.page.click("tab", "Bench")
-        self.page.choose("What", "bench posit")
-        self.page.click("button", "Start the bench")
+        self.page.click("tab", "Benchmarks")
+        self.page.choose("Benchmark", "bench posit")
+        self.page.click("button", "Start the benchmark")
         self.page.wait("document.querySelector('main table caption')?.innerText.includes('posit: ')", what="its figures")
         self.page.wait("document.querySelectorAll('main tbody tr').length > 1")
         self.page.wait_text("done")
@@ -587,7 +587,7 @@ class SystemTest(pages.PageTest):
         self.assertIn("127.0.0.1", self.page.text("main tbody"))
         self.judge("system-sign-ins")
         other.open(self.server.origin + "/live")
-        other.wait_text("Nothing runs yet")
+        other.wait_text("No session is running")
         self.page.click("button", contains="Sign all others out")
         self.page.click("button", "Sign them out")
         self.page.wait("document.querySelectorAll('main tbody tr').length === 1")
@@ -599,7 +599,7 @@ class SystemTest(pages.PageTest):
         self.page.wait("document.querySelector('dialog[open]')")
         self.page.evaluate(
             "[...document.querySelectorAll('dialog[open] button')].find((one) => one.innerText === 'Make a new token').click()")
-        self.page.wait_text("The new token, shown once")
+        self.page.wait_text("The new token. It is shown only once")
         self.assertNotEqual(token, self.token())
         self.page.click("tab", "Audit log")
         self.page.wait_text("other sign-ins revoked")
@@ -613,7 +613,7 @@ class ApiTest(pages.PageTest):
         self.go("/api")
         self.page.wait("document.querySelectorAll('.endpoints details').length > 20")
         self.judge("api")
-        self.page.fill("searchbox", "Find", "/api/sets")
+        self.page.fill("searchbox", "Filter", "/api/sets")
         self.page.wait("document.querySelectorAll('.endpoints details').length < 12")
         self.page.evaluate("document.querySelectorAll('.endpoints details').forEach((one) => { one.open = true; })")
         shot(self.page, "api-open")
@@ -656,7 +656,7 @@ class ApiTest(pages.PageTest):
         self.page.wait("document.querySelector('#try-inputs')")
         # Values out of range cannot be sent.
         self.page.fill("spinbutton", "Every", "0")
-        self.page.wait_text("Every is more than 0.")
+        self.page.wait_text("Every must be more than 0.")
         self.assertTrue(self.page.evaluate("[...document.querySelectorAll('button')].find((b) => b.innerText === 'Run').disabled"))
         shot(self.page, "api-form")
 

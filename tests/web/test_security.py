@@ -543,7 +543,7 @@ def test_it_refuses_to_listen_openly():
     refuses(["--allow-source", "a=0", "--allow-source", "a=1"], "twice")
     refuses(["--allow-source", "a=--on-event"], "begin with '-'")
     refuses(["--port", "70000"], "port")
-    refuses(["--link"], "no studio runs here", status=3)
+    refuses(["--link"], "no studio is running here", status=3)
 
 
 def test_loopback_alone_by_default():
@@ -611,7 +611,7 @@ def test_proxy_origin_and_addresses():
         assert answer.status == 200 and "Secure" in answer.headers["Set-Cookie"], answer.body
         for origin in ("http://studio.example", "https://evil.example", "https://studio.example:444"):
             expect(studio.get("/api/session", headers={**own, "Origin": origin}), 403, origin)
-        expect(studio.get("/api/session", headers={**own, "Host": "evil.example"}), 421, "another name")
+        expect(studio.get("/api/session", headers={**own, "Host": "evil.example"}), 421, "different name")
         with open(os.path.join(studio.workspace, ".studio", "audit.log"), encoding="utf-8") as file:
             assert json.loads(file.readline())["address"] == "203.0.113.9"
         # The attempts of one client do not lock out another behind the same proxy.

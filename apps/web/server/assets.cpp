@@ -145,7 +145,7 @@ void add_asset_routes(Router& router, const std::string& folder) {
                             : answer_from_folder(folder, path, response);
     };
     if (path.starts_with("api/"))
-      throw HttpError(404, "there is nothing here; see /api/openapi.json");
+      throw HttpError(404, "no such address; /api/openapi.json lists them all");
     if (!path.empty() && found()) return response;
     const std::size_t slash = path.find_last_of('/');
     const std::string_view name =

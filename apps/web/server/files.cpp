@@ -128,7 +128,7 @@ Json store_form(Workspace& workspace, const std::string& set, const Request& req
   }
   if (trouble) std::rethrow_exception(trouble);
   if (!is_good) throw HttpError(400, "the form is malformed: " + parser.trouble());
-  if (!parser.is_complete()) throw HttpError(400, "the form is cut short");
+  if (!parser.is_complete()) throw HttpError(400, "the form is incomplete");
   if (files.empty()) throw HttpError(400, "the form has no file; its field needs a file name");
   return files;
 }

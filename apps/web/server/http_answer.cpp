@@ -69,7 +69,7 @@ MHD_Response* of_file(Response& response, std::string_view range_text, std::uint
   if (unsatisfiable) {
     ::close(fd);
     const std::string all = fmt::format("bytes */{}", size);
-    response = error_response(416, "the file is shorter");
+    response = error_response(416, "the requested range is outside the file");
     response.headers.emplace_back("Content-Range", all);
     return nullptr;
   }

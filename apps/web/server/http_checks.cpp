@@ -52,7 +52,7 @@ Response unauthorized(std::string_view message) {
 }
 
 Response too_many(int wait) {
-  Response response = error_response(429, fmt::format("too many tries; wait {} s", wait));
+  Response response = error_response(429, fmt::format("too many attempts; wait {} s", wait));
   response.headers.emplace_back("Retry-After", std::to_string(wait));
   return response;
 }
@@ -78,9 +78,9 @@ std::optional<Response> HttpChecks::refusal(Pending& pending) {
 
   Router::Match match = router_.find(request.method, request.path);
   if (match.route == nullptr && match.allowed.empty())
-    return error_response(404, "there is nothing here; see /api/openapi.json");
+    return error_response(404, "no such address; /api/openapi.json lists them all");
   if (match.route == nullptr) {
-    Response response = error_response(405, "this address takes " + match.allowed);
+    Response response = error_response(405, "this address accepts " + match.allowed);
     response.headers.emplace_back("Allow", match.allowed);
     return response;
   }
@@ -111,7 +111,7 @@ std::optional<Response> HttpChecks::check_access(Request& request, const Router:
   if (is_change(request.method) &&
       !equals_in_constant_time(request.header("x-tarsier-csrf"), SignIns::csrf_of(*cookie)))
     return error_response(
-        403, "the header X-Tarsier-CSRF is missing or wrong; GET /api/session tells it");
+        403, "the header X-Tarsier-CSRF is missing or wrong; GET /api/session returns it");
   return std::nullopt;
 }
 
@@ -125,7 +125,7 @@ std::optional<Response> HttpChecks::check_body(Pending& pending, bool has_length
   if (!has_length && !request.header("content-length").empty())
     return error_response(400, "the Content-Length is malformed");
   if (pending.expected == 0) return std::nullopt;
-  if (request.method == "GET") return error_response(400, "a GET has no body");
+  if (request.method == "GET") return error_response(400, "a GET request must not have a body");
   if (!wanted.types.empty() && std::find(wanted.types.begin(), wanted.types.end(),
                                          request.content_type) == wanted.types.end())
     return error_response(

@@ -203,7 +203,7 @@ struct HttpServer::Impl {
       response = error_response(503, "out of memory; try again with less");
     } catch (const std::exception& error) {
       log_warning("{} {}: {}", pending.request.method, pending.request.path, error.what());
-      response = error_response(500, "the server failed; its log tells more");
+      response = error_response(500, "the server failed; see its log");
     }
     if (response.status == 200 && !pending.request.header("if-none-match").empty()) {
       for (const auto& [name, value] : response.headers) {

@@ -35,7 +35,7 @@ void BoundedFile::add(std::string_view line) {
   if (fd_ < 0 || written_ > most_) return;
   std::string text(line);
   text += '\n';
-  if (written_ + text.size() > most_) text = "(more is left out)\n";
+  if (written_ + text.size() > most_) text = "(further lines were dropped)\n";
   written_ += text.size() + (text.front() == '(' ? most_ : 0);
   try {
     write_all(fd_, text, "job");

@@ -126,7 +126,7 @@ void Jobs::finish(const std::shared_ptr<Job>& job, Lock& lock) {
     job->error = job->stopped_because;
   } else if (ending_ && !job->cancelled && !is_done) {
     job->state = JobState::kInterrupted;
-    job->error = "the studio was stopped while it ran; start it again";
+    job->error = "the studio was stopped during the job; start the job again";
   } else if (job->cancelled && !is_done) {
     job->state = JobState::kCancelled;
     job->error.clear();

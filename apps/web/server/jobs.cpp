@@ -92,7 +92,7 @@ void Jobs::stop() {
     job->child.reset();  // kills remaining processes
     if (job->state == JobState::kRunning) {
       job->state = JobState::kInterrupted;
-      job->error = "the studio was stopped while it ran";
+      job->error = "the studio was stopped during the job";
       job->ended = now_seconds();
       save(*job);
     }
@@ -144,7 +144,7 @@ void Jobs::load() {
       job->lines = tail_of(folder + "/lines.jsonl", options_.lines);
       if (job->state == JobState::kRunning) {
         job->state = JobState::kInterrupted;
-        job->error = "the studio ended while it ran; start it again";
+        job->error = "the studio ended during the job; start the job again";
         job->ended = now_seconds();
         save(*job);
       }
@@ -197,14 +197,14 @@ Json Jobs::start(const Json& object, const std::string& address) {
 
   const Lock lock(mutex_);
   if (jobs_.size() >= options_.kept) {
-    throw HttpError(429, fmt::format("{} jobs are kept already; delete some", jobs_.size()));
+    throw HttpError(429, fmt::format("there are already {} jobs; delete some", jobs_.size()));
   }
   const auto queued = std::count_if(jobs_.begin(), jobs_.end(), [](const auto& entry) {
     return entry.second->state == JobState::kQueued;
   });
   if (static_cast<std::size_t>(queued) >= options_.queued) {
-    throw HttpError(429,
-                    fmt::format("{} jobs wait already; cancel some, or come back later", queued));
+    throw HttpError(
+        429, fmt::format("{} jobs are already waiting; cancel some, or try again later", queued));
   }
   if (::mkdir(folder.c_str(), 0700) != 0 || ::mkdir((folder + "/files").c_str(), 0700) != 0) {
     throw HttpError(507, fmt::format("the job's folder cannot be made: {}", std::strerror(errno)));
@@ -236,7 +236,7 @@ Json Jobs::get(const std::string& id) const {
 void Jobs::cancel(const std::string& id) {
   const Lock lock(mutex_);
   const auto job = find(id);
-  if (is_over(job->state)) throw HttpError(409, "the job is over");
+  if (is_over(job->state)) throw HttpError(409, "the job has ended");
   job->cancelled = true;
   if (job->state == JobState::kRunning) {
     if (job->child) job->child->interrupt(options_.patience);
@@ -252,7 +252,7 @@ void Jobs::cancel(const std::string& id) {
 void Jobs::remove(const std::string& id) {
   const Lock lock(mutex_);
   const auto job = find(id);
-  if (!is_over(job->state)) throw HttpError(409, "the job is not over; cancel it first");
+  if (!is_over(job->state)) throw HttpError(409, "the job has not ended; cancel it first");
   const std::string folder = host_.workspace.job_folder(id);
   ::unlink((folder + "/job.json").c_str());  // first: after a kill the rest is not taken for a job
   host_.workspace.forget_thumbnails(folder);
@@ -268,7 +268,7 @@ Json Jobs::again(const std::string& id, const std::string& address) {
   {
     const Lock lock(mutex_);
     const auto job = find(id);
-    if (!is_over(job->state)) throw HttpError(409, "the job is not over");
+    if (!is_over(job->state)) throw HttpError(409, "the job has not ended");
     if (job->state != JobState::kDone) {
       const CommandLine command =
           host_.command(job->request, Use::kJob, host_.workspace.job_folder(id) + "/files");

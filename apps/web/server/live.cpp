@@ -99,14 +99,14 @@ std::shared_ptr<LiveSession> Live::find(const std::string& id) const {
 
 std::shared_ptr<LiveSession> Live::session_of(const Request& request) const {
   auto session = find(request.param("id"));
-  if (session == nullptr) throw HttpError(404, "there is no such session");
+  if (session == nullptr) throw HttpError(404, "no such session");
   return session;
 }
 
 std::shared_ptr<StreamSlots::Slot> Live::new_slot(const Request& request) {
   {
     const std::lock_guard lock(mutex_);
-    if (is_stopping_) throw HttpError(503, "the server is ending");
+    if (is_stopping_) throw HttpError(503, "the server is stopping");
   }
   const auto cookie = cookie_value(request.header("cookie"), kCookieName);
   return streams_.take(cookie && !request.by_api_token ? hash_of(*cookie) : "");
@@ -120,7 +120,8 @@ std::string Live::source_word(const std::string& reference) const {
   if (kind == "camera") {
     const auto number = to_integer(rest, 0, 255);
     if (!number || rest.front() == '+' || rest.front() == '-')
-      throw UsageError(fmt::format("{}: expected camera:N, as /api/sources lists them", reference));
+      throw UsageError(
+          fmt::format("{}: expected camera:N; /api/sources lists the cameras", reference));
     return std::to_string(*number);
   }
   if (kind == "allowed") {
@@ -133,12 +134,11 @@ std::string Live::source_word(const std::string& reference) const {
   }
   if (kind == "viewer") {
     if (!cameras_.has(rest))
-      throw UsageError(fmt::format("{}: this camera of a browser is over", reference));
+      throw UsageError(fmt::format("{}: this browser camera was closed", reference));
     return reference;
   }
   throw UsageError(fmt::format(
-      "{}: no source; use one of those that /api/sources lists (synth:, camera:, allowed:)",
-      reference));
+      "{}: not a source; /api/sources lists the sources (synth:, camera:, allowed:)", reference));
 }
 
 Response Live::list_sources() const {
@@ -169,7 +169,7 @@ Response Live::start(const Request& request) {
   const VerbRequest wanted = verb_request(body);
   const std::string name = optional_text(body, "name").value_or("");
   if (!is_one_line(name, 200))
-    throw HttpError(400, "\"name\" must be one line of 200 bytes at most");
+    throw HttpError(400, "\"name\" must be one line of at most 200 bytes");
 
   LiveSession::Options options;
   std::vector<std::string> cameras;
@@ -179,18 +179,17 @@ Response Live::start(const Request& request) {
     return source_word(reference);
   };
   CommandLine line = command_line(*options_.verbs, wanted, Use::kLive, references);
-  if (cameras.size() > 1)
-    throw HttpError(400, "a session takes one camera of a browser, not several");
+  if (cameras.size() > 1) throw HttpError(400, "a session can use only one browser camera");
 
   std::shared_ptr<LiveSession> session;
   {
     const std::lock_guard lock(mutex_);
-    if (is_stopping_) throw HttpError(503, "the server is ending");
+    if (is_stopping_) throw HttpError(503, "the server is stopping");
     std::size_t running = 0;
     for (const auto& other : sessions_) running += other->is_running() ? 1 : 0;
     if (running >= options_.max_sessions)
-      throw HttpError(
-          409, fmt::format("{} sessions are the limit: end one first", options_.max_sessions));
+      throw HttpError(409, fmt::format("the limit of {} sessions is reached; end one first",
+                                       options_.max_sessions));
     // Sessions that ended long ago are dropped.
     for (std::size_t ended = sessions_.size() - running; ended >= options_.max_ended; --ended)
       sessions_.erase(std::find_if(sessions_.begin(), sessions_.end(),
@@ -226,19 +225,19 @@ Response Live::take_events(const Request& request) {
   for (const auto& event : events) {
     const auto text = event_line(event);
     if (!text)
-      throw HttpError(
-          400, "an event is none of key, mouse, action, slider: " + to_text(event).substr(0, 200));
+      throw HttpError(400, "expected an event of key, mouse, action or slider: " +
+                               to_text(event).substr(0, 200));
     lines += *text;
     is_move = is_move && event.value("mouse", "") == "move";
   }
   if (!session->is_running()) throw HttpError(409, "this session has ended");
   if (lines.empty()) return no_content();
   const auto number = session->send(lines);
-  if (!number)
-    throw HttpError(409, "this session takes no events now: it is ending, or busy for long");
+  if (!number) throw HttpError(409, "this session accepts no events now: it is stopping or busy");
   // 204: the session has handled them, so a click of an annotation is in its journal.
   if (is_move || session->wait_until_handled(*number, kHandled)) return no_content();
-  if (!session->is_running()) throw HttpError(409, "this session ended before it handled them");
+  if (!session->is_running())
+    throw HttpError(409, "this session ended before it handled the events");
   return json_response({{"handled", false}}, 202);
 }
 
@@ -284,7 +283,7 @@ Response Live::send_live(const Request& request) {
     rest.remove_prefix(comma == std::string_view::npos ? rest.size() : comma + 1);
     if (id.empty() || !seen.insert(id).second) continue;
     if (seen.size() > kMaxWatched || id.size() > 64)
-      throw HttpError(400, fmt::format("\"s\" takes at most {} sessions", kMaxWatched));
+      throw HttpError(400, fmt::format("\"s\" may name at most {} sessions", kMaxWatched));
     if (auto session = find(id)) {
       sessions.emplace_back(std::move(session), width);
     } else {

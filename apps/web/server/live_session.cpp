@@ -184,7 +184,7 @@ void LiveSession::work() {
     records.feed({buffer.data(), static_cast<std::size_t>(count)});
     while (auto record = records.take()) take_record(record->kind, std::move(record->payload));
     if (records.is_broken()) {
-      log_warning("session {}: its window sends something that is no record", options_.id);
+      log_warning("session {}: its window sent an invalid record", options_.id);
       close_fd(records_fd_);
       child_->interrupt(kPatience);
     }
@@ -250,7 +250,7 @@ void LiveSession::take_record(char kind, std::string payload) {
   if (kind != 'H' && kind != 'S') return;  // of a later version
   nlohmann::json value = nlohmann::json::parse(payload, nullptr, false);
   if (!value.is_object()) {
-    log_warning("session {}: its window sends something that is no JSON", options_.id);
+    log_warning("session {}: its window sent invalid JSON", options_.id);
     return;
   }
   auto text = std::make_shared<const std::string>(without_secrets(to_text(value)));

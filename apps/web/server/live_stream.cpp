@@ -175,8 +175,7 @@ class LiveStream final : public BodyStream {
     std::string& out = out_.fresh();
     const Clock::time_point now = now_();
     for (const std::string& id : unknown_)
-      append_record(out, LiveRecord::kEnded, id,
-                    R"({"exit":null,"error":"there is no such session"})");
+      append_record(out, LiveRecord::kEnded, id, R"({"exit":null,"error":"no such session"})");
     unknown_.clear();
     for (Watched& watched : watched_) {
       LiveSession& session = watched.images.session();
@@ -290,8 +289,8 @@ bool StreamSlots::Slot::takes_turns() const {
 std::shared_ptr<StreamSlots::Slot> StreamSlots::take(const std::string& viewer) {
   const std::lock_guard lock(mutex_);
   if (count_ >= most_)
-    throw HttpError(503,
-                    fmt::format("{} live streams are the limit: close a page elsewhere", most_));
+    throw HttpError(
+        503, fmt::format("the limit of {} live streams is reached; close another page", most_));
   auto slot = std::make_shared<Slot>(*this, viewer);
   ++count_;
   ++of_viewer_[viewer];

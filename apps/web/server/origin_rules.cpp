@@ -100,7 +100,8 @@ bool OriginRules::is_own_origin(std::string_view text) const {
 std::optional<OriginRules::Refusal> OriginRules::refusal(const Head& head) const {
   if (!head.has_host || head.host.empty()) return Refusal{400, "the request has no Host header"};
   if (!is_own_host(head.host))
-    return Refusal{421, "this server has another name: open the link that tarsier serve printed"};
+    return Refusal{421,
+                   "this server has a different name: open the link that tarsier serve printed"};
   if (!head.origin.empty() && !is_own_origin(head.origin))
     return Refusal{403, "requests from other sites are refused"};
   const bool is_api = head.path.starts_with("/api/") || head.path == "/metrics";

@@ -112,7 +112,7 @@ nlohmann::json Request::json() const {
   };
   nlohmann::json value = nlohmann::json::parse(body, watch, false);
   if (too_deep) throw HttpError(400, "the body is nested too deeply");
-  if (value.is_discarded()) throw HttpError(400, "the body is no JSON");
+  if (value.is_discarded()) throw HttpError(400, "the body is not JSON");
   return value;
 }
 

@@ -115,7 +115,7 @@ class ImagesOfRequest {
             read_file(request.body_file, static_cast<std::int64_t>(workspace.limits().file_bytes));
       add(bytes, "image");
     }
-    if (images_.empty()) throw HttpError(400, "the body holds no image");
+    if (images_.empty()) throw HttpError(400, "the body has no image");
   }
   [[nodiscard]] const std::vector<Runs::Image>& images() const { return images_; }
 
@@ -127,10 +127,10 @@ class ImagesOfRequest {
     const std::string trouble =
         find_upload_trouble("image" + ending, bytes, workspace_.limits().pixels, type);
     if (type != FileType::kImage || !trouble.empty()) {
-      throw HttpError(415, trouble.empty() ? "the body is no image" : trouble);
+      throw HttpError(415, trouble.empty() ? "the body is not an image" : trouble);
     }
     if (images_.size() >= kMaxImages)
-      throw HttpError(413, fmt::format("more than {} images; make a set", kMaxImages));
+      throw HttpError(413, fmt::format("more than {} images; upload a set instead", kMaxImages));
     const std::string path = fmt::format("{}/input-{:03}{}", folder_, images_.size(), ending);
     write_file_atomically(path, bytes);
     if (!is_one_line(name, 200) || name.empty()) name = "image";
@@ -163,7 +163,7 @@ class ImagesOfRequest {
     if (!request.body_file.empty())
       body = read_file(request.body_file, static_cast<std::int64_t>(kMaxForm));
     if (!parser.feed(body)) throw HttpError(400, "the form is malformed: " + parser.trouble());
-    if (!parser.is_complete()) throw HttpError(400, "the form is cut short");
+    if (!parser.is_complete()) throw HttpError(400, "the form is incomplete");
     if (is_large) throw HttpError(413, "an image is larger than 64 MB");
     for (const auto& [content, file_name] : files) {
       const std::size_t slash = file_name.find_last_of("/\\");
@@ -196,21 +196,21 @@ Response verb_response(const Request& request, Runs& runs, Workspace& workspace)
       request.params.contains("verb") ? area + ' ' + request.param("verb") : area;
   const ImageVerb* row = find_image_verb(verb);
   if (row == nullptr) {
-    throw HttpError(404,
-                    fmt::format("'{}' takes no images here; /api/openapi.json lists those that do, "
-                                "POST /api/run and /api/jobs start all verbs",
-                                verb));
+    throw HttpError(
+        404, fmt::format("'{}' accepts no images here; /api/openapi.json lists the verbs that do, "
+                         "POST /api/run and /api/jobs start all verbs",
+                         verb));
   }
   const std::string_view accept = request.header("accept");
   std::string drawing;
   if (accept.find("image/png") != std::string_view::npos) drawing = "drawing.png";
   if (accept.find("image/jpeg") != std::string_view::npos) drawing = "drawing.jpg";
   if (!drawing.empty() && !row->draws)
-    throw HttpError(406, fmt::format("'{}' draws nothing", verb));
+    throw HttpError(406, fmt::format("'{}' makes no drawing", verb));
   const Runs::Folder folder(workspace);
   const ImagesOfRequest images(request, workspace, folder.path());
   if (!drawing.empty() && images.images().size() != 1) {
-    throw HttpError(400, "a drawing is made of one image");
+    throw HttpError(400, "a drawing needs exactly one image");
   }
   const Runs::Result result =
       runs.run_on(verb, images.images(), request.query, drawing, request.address);
@@ -285,7 +285,7 @@ Runs::Result Runs::run(const Json& object, const std::string& address) {
     if (::lstat(path.c_str(), &status) != 0 || !S_ISREG(status.st_mode)) return;
     sum += static_cast<std::uint64_t>(status.st_size);
     if (sum > options_.file_bytes) {
-      throw HttpError(413, "the results are too large for an answer; start it as a job");
+      throw HttpError(413, "the results are too large for a response; start a job");
     }
     result.files.emplace_back(path.substr(made.size() + 1),
                               read_file(path, static_cast<std::int64_t>(options_.file_bytes)));
@@ -372,9 +372,9 @@ Runs::Result Runs::execute(const CommandLine& command, const Folder& folder) {
     std::unique_lock lock(mutex_);
     if (!freed_.wait_for(lock, options_.wait,
                          [&] { return is_stopping_ || running_ < options_.parallel; })) {
-      throw HttpError(429, "too many runs at a time; come back in some seconds");
+      throw HttpError(429, "too many runs at the same time; try again in some seconds");
     }
-    if (is_stopping_) throw HttpError(503, "the server is ending");
+    if (is_stopping_) throw HttpError(503, "the server is stopping");
     ++running_;
   }
   const auto free_place = [this](void*) {
@@ -411,7 +411,7 @@ Runs::Result Runs::execute(const CommandLine& command, const Folder& folder) {
     end = child.wait(std::chrono::milliseconds(50));
     {
       const std::lock_guard lock(mutex_);
-      if (is_stopping_) throw HttpError(503, "the server is ending");  // kills the child
+      if (is_stopping_) throw HttpError(503, "the server is stopping");  // kills the child
     }
     const std::lock_guard lock(mutex);
     if (is_large) break;

@@ -95,12 +95,13 @@ std::string find_upload_trouble(std::string_view name, std::string_view bytes,
   if (bytes.empty()) return "the file is empty";
   if (const auto format = image_format_of(bytes_of(bytes))) {
     type = FileType::kImage;
-    if (*format == ImageFormat::kTiff) return "TIFF is not read; save it as PNG or JPEG";
+    if (*format == ImageFormat::kTiff)
+      return "TIFF is not supported; save the image as PNG or JPEG";
     const auto header = probe_image(bytes_of(bytes));
-    if (!header) return "the image is cut short or broken";
+    if (!header) return "the image is truncated or damaged";
     const std::int64_t pixels = static_cast<std::int64_t>(header->width) * header->height;
     if (pixels <= 0 || pixels > max_pixels) {
-      return fmt::format("the image has {}x{} px; at most {} million are taken", header->width,
+      return fmt::format("the image has {}x{} px; at most {} million are accepted", header->width,
                          header->height, max_pixels / 1'000'000);
     }
     std::vector<std::uint8_t> kept;
@@ -111,15 +112,15 @@ std::string find_upload_trouble(std::string_view name, std::string_view bytes,
   }
   if (has_ending(name, kVideoEndings)) {
     type = FileType::kVideo;
-    return is_video_head(bytes) ? "" : "the file has the name of a video, but not its content";
+    return is_video_head(bytes) ? "" : "the file is named like a video, but is not one";
   }
   if (has_ending(name, kDataEndings)) {
     if (!names_foreign_files(bytes)) return {};
-    return "the file names others by absolute paths or '..'; give their names alone, and upload "
+    return "the file refers to others by absolute paths or '..'; use their names only, and upload "
            "them into the same set";
   }
   return fmt::format(
-      "{}; taken are images (JPEG, PNG, WebP, BMP, PNM), videos (MP4, AVI, MKV) and "
+      "{}; accepted are images (JPEG, PNG, WebP, BMP, PNM), videos (MP4, AVI, MKV) and "
       "data (.txt .csv .json .jsonl .yaml .xml .pts .asf .obj .ply)",
       describe_not_an_image(bytes_of(bytes)));
 }

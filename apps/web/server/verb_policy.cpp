@@ -41,7 +41,7 @@ bool begins_with_reference(std::string_view text) {
 
 // A word that no verb can interpret as a path, an address or a list.
 std::string checked_word(std::string_view flag, const std::string& text) {
-  if (text.empty()) refuse("{} is empty: leave it out, or give a value", flag);
+  if (text.empty()) refuse("{} is empty: omit it, or give a value", flag);
   if (!is_one_line(text, kMaxText)) {
     refuse("{}: expected one line of at most {} bytes", flag, kMaxText);
   }
@@ -54,7 +54,7 @@ std::string checked_word(std::string_view flag, const std::string& text) {
 }
 
 std::string checked_free_text(std::string_view flag, const std::string& text) {
-  if (text.empty()) refuse("{} is empty: leave it out, or give a text", flag);
+  if (text.empty()) refuse("{} is empty: omit it, or give a text", flag);
   if (!is_one_line(text, kMaxText)) {
     refuse("{}: expected one line of at most {} bytes of UTF-8", flag, kMaxText);
   }
@@ -67,7 +67,8 @@ std::string checked_synth(const std::string& text) {
                          return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
                                 (c >= '0' && c <= '9') || kAllowed.find(c) != std::string::npos;
                        });
-  if (!is_good) refuse("'{}' is no synthetic source: synth:NAME?key=value&key=value", text);
+  if (!is_good)
+    refuse("'{}' is not a synthetic source; expected synth:NAME?key=value&key=value", text);
   return text;
 }
 
@@ -158,8 +159,9 @@ class Builder {
 
   std::string input_file(std::string_view name, const std::string& reference) const {
     if (reference.size() > kMaxReference || !begins_with_reference(reference)) {
-      refuse("{}: '{}' is no reference; files are given as set:NAME/FILE, job:ID/FILE or ws:NAME",
-             name, reference.substr(0, 100));
+      refuse(
+          "{}: '{}' is not a reference; files are given as set:NAME/FILE, job:ID/FILE or ws:NAME",
+          name, reference.substr(0, 100));
     }
     return references_.file(reference, true);
   }
@@ -167,22 +169,22 @@ class Builder {
   std::string output_file(std::string_view name, const std::string& reference) {
     if (reference.starts_with("ws:")) {
       const std::string_view file = std::string_view(reference).substr(3);
-      if (!is_good_name(file)) refuse("{}: '{}' is no good name of a file", name, file);
-      if (is_among(kSharedState, file)) refuse("{}: ws:{} is kept for other verbs", name, file);
+      if (!is_good_name(file)) refuse("{}: '{}' is not a valid file name", name, file);
+      if (is_among(kSharedState, file)) refuse("{}: ws:{} is reserved for other verbs", name, file);
       return references_.file(reference, false);
     }
     if (!reference.starts_with("out:")) {
-      refuse("{}: '{}' is no place for a result; give out:NAME", name, reference.substr(0, 100));
+      refuse("{}: '{}' is not an output; give out:NAME", name, reference.substr(0, 100));
     }
     const std::string file = reference.substr(4);
     if (!is_good_name(file)) {
       refuse(
-          "{}: '{}' is no good name of a file: letters, digits, spaces, - _ . ( ), at most 120 "
+          "{}: '{}' is not a valid file name: letters, digits, spaces, - _ . ( ), at most 120 "
           "bytes, no / and no . at its beginning",
           name, file);
     }
     if (use_ == Use::kLive || references_.output_folder.empty()) {
-      refuse("{}: a live session makes no files; start it as a job, or give ws:NAME", name);
+      refuse("{}: a live session makes no files; start a job, or give ws:NAME", name);
     }
     line_.outputs.push_back(file);
     return references_.output_folder + '/' + file;
@@ -190,7 +192,8 @@ class Builder {
 
   std::string state_file(std::string_view name, const std::string& reference) const {
     if (!reference.starts_with("ws:")) {
-      refuse("{}: '{}' is no file of the workspace; give ws:NAME", name, reference.substr(0, 100));
+      refuse("{}: '{}' is not a file of the workspace; give ws:NAME", name,
+             reference.substr(0, 100));
     }
     return references_.file(reference, false);
   }
@@ -244,7 +247,7 @@ class Builder {
       if (kind == FlagKind::kRefused || kind == FlagKind::kUnknown) {
         refuse("{} cannot be given from a page: {}", name,
                kind == FlagKind::kRefused ? "it reaches beyond the workspace"
-                                          : "nobody has said yet that it is safe");
+                                          : "it is not listed as safe");
       }
       if (has(name)) refuse("{} is given twice, by two of its names", name);
       if (kind == FlagKind::kServer || value.is_null()) continue;
@@ -295,7 +298,7 @@ class Builder {
       }
     }
     if (use_ == Use::kLive) {
-      if (!has_window(verb_)) refuse("'{}' has no live form; start it as a job", request_.verb);
+      if (!has_window(verb_)) refuse("'{}' cannot run live; start a job", request_.verb);
       add("--window");
     }
     // Without an output for its images such a verb would open a window.
@@ -313,7 +316,8 @@ class Builder {
   void add_inputs() {
     const Json& takes = verb_.at("inputs");
     const std::vector<std::string>& given = request_.inputs;
-    if (given.size() > kMaxInputs) refuse("{} inputs are too many; give a set", given.size());
+    if (given.size() > kMaxInputs)
+      refuse("{} inputs are too many; give a set instead", given.size());
     add("--");
     std::size_t next = 0;
     for (std::size_t n = 0; n < takes.size(); ++n) {
@@ -360,7 +364,7 @@ class Builder {
   }
 
   void add_source(const std::string& text) {
-    if (!is_one_line(text, kMaxReference)) refuse("a source has a name of one line");
+    if (!is_one_line(text, kMaxReference)) refuse("the name of a source must be one line");
     const std::string word = references_.source(text);
     const bool is_secret = text.starts_with("allowed:");
     if (is_secret) line_.secrets.emplace_back(word, text);
@@ -408,7 +412,7 @@ InputKind input_kind(std::string_view verb, std::string_view input) {
 VerbTable::VerbTable(const std::string& help_json) : text_(help_json) {
   help_ = Json::parse(help_json, nullptr, false);
   if (!help_.is_object() || !help_.contains("verbs") || !help_["verbs"].is_array()) {
-    throw InputError("tarsier help --json", "is not the object that was expected");
+    throw InputError("tarsier help --json", "did not return the expected object");
   }
 }
 
@@ -460,7 +464,7 @@ CommandLine command_line(const VerbTable& verbs, const VerbRequest& request, Use
   if (verb == nullptr) {
     refuse("no verb '{}'; /api/help lists them all", request.verb.substr(0, 100));
   }
-  if (is_refused_verb(request.verb)) refuse("'{}' is not started from a page", request.verb);
+  if (is_refused_verb(request.verb)) refuse("'{}' cannot be started from a page", request.verb);
   return Builder(*verb, request, use, references).build();
 }
 

@@ -119,9 +119,9 @@ TEST(VerbPolicy, RefusesTheDangerousOnesByName) {
 }
 
 TEST(VerbPolicy, StartsNoOtherServer) {
-  EXPECT_THAT(refusal("serve", {}), HasSubstr("not started from a page"));
-  EXPECT_THAT(refusal("demo", {}), HasSubstr("not started from a page"));
-  EXPECT_THAT(refusal("models import", {}), HasSubstr("not started from a page"));
+  EXPECT_THAT(refusal("serve", {}), HasSubstr("cannot be started from a page"));
+  EXPECT_THAT(refusal("demo", {}), HasSubstr("cannot be started from a page"));
+  EXPECT_THAT(refusal("models import", {}), HasSubstr("cannot be started from a page"));
 }
 
 TEST(VerbPolicy, HasNoFlagThatNoVerbHas) {
@@ -152,7 +152,7 @@ TEST(VerbPolicy, AddsWhatTheServerDecides) {
               Contains("--progress=json"));
   // Without a place for images the verb would open a window.
   EXPECT_THAT(line_of("landmarks fit", {"set:a/1.jpg"}).words, Contains("--output=none"));
-  EXPECT_THAT(refusal("models list", {}, Json::object(), Use::kLive), HasSubstr("no live form"));
+  EXPECT_THAT(refusal("models list", {}, Json::object(), Use::kLive), HasSubstr("cannot run live"));
 }
 
 TEST(VerbPolicy, TakesReferencesAlone) {

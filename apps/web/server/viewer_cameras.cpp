@@ -20,7 +20,8 @@ std::string ViewerCameras::add() {
   forget_silent();
   const std::lock_guard lock(mutex_);
   if (cameras_.size() >= kMost)
-    throw HttpError(409, fmt::format("{} cameras of browsers are the limit; end one first", kMost));
+    throw HttpError(
+        409, fmt::format("the limit of {} browser cameras is reached; close one first", kMost));
   std::string id = new_secret().substr(0, 12);
   cameras_[id].heard = Clock::now();
   return id;
@@ -30,7 +31,8 @@ void ViewerCameras::put(const std::string& id, std::string jpeg) {
   const std::span<const std::uint8_t> bytes(reinterpret_cast<const std::uint8_t*>(jpeg.data()),
                                             jpeg.size());
   const auto header = probe_image(bytes);
-  if (!header || jpeg.compare(0, 2, "\xff\xd8") != 0) throw HttpError(415, "the frame is no JPEG");
+  if (!header || jpeg.compare(0, 2, "\xff\xd8") != 0)
+    throw HttpError(415, "the frame is not a JPEG image");
   if (static_cast<std::int64_t>(header->width) * header->height > 100'000'000)
     throw HttpError(415, "the frame has more than 100 million pixels");
   auto frame = std::make_shared<const std::string>(std::move(jpeg));
@@ -39,7 +41,7 @@ void ViewerCameras::put(const std::string& id, std::string jpeg) {
     const std::lock_guard lock(mutex_);
     const auto found = cameras_.find(id);
     if (found == cameras_.end())
-      throw HttpError(404, "this camera is over: make another (POST /api/viewer-cameras)");
+      throw HttpError(404, "this camera was closed; open another (POST /api/viewer-cameras)");
     Camera& camera = found->second;
     camera.heard = Clock::now();
     camera.newest = frame;
@@ -62,7 +64,7 @@ void ViewerCameras::remove(const std::string& id) {
   {
     const std::lock_guard lock(mutex_);
     const auto found = cameras_.find(id);
-    if (found == cameras_.end()) throw HttpError(404, "there is no such camera");
+    if (found == cameras_.end()) throw HttpError(404, "no such camera");
     camera = std::move(found->second);
     cameras_.erase(found);
   }

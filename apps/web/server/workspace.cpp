@@ -62,7 +62,7 @@ Workspace::Workspace(std::string folder, WorkspaceLimits limits) : limits_(limit
     if (::mkdir(path.c_str(), 0700) != 0 && errno != EEXIST) {
       throw OutputError(path, std::strerror(errno));
     }
-    if (!is_folder(path)) throw OutputError(path, "is no folder");
+    if (!is_folder(path)) throw OutputError(path, "is not a folder");
   }
   const std::string lock = studio_folder() + "/lock";
   lock_ = ::open(lock.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
@@ -70,7 +70,7 @@ Workspace::Workspace(std::string folder, WorkspaceLimits limits) : limits_(limit
   if (::flock(lock_, LOCK_EX | LOCK_NB) != 0) {
     ::close(lock_);
     throw OutputError(folder_,
-                      "another server has this workspace; stop it, or give another "
+                      "another server uses this workspace; stop it, or give another "
                       "--workspace");
   }
   // Uploads and runs of a killed server are useless.
@@ -118,11 +118,11 @@ void Workspace::make_set(const std::string& name) {
   check_name("set", name);
   const std::lock_guard lock(mutex_);
   if (sets().size() >= limits_.sets) {
-    throw HttpError(409, fmt::format("there are {} sets already; delete some", limits_.sets));
+    throw HttpError(409, fmt::format("there are already {} sets; delete some", limits_.sets));
   }
   const std::string path = folder_ + "/sets/" + name;
   if (::mkdir(path.c_str(), 0700) != 0) {
-    if (errno == EEXIST) throw HttpError(409, fmt::format("there is a set '{}' already", name));
+    if (errno == EEXIST) throw HttpError(409, fmt::format("the set '{}' exists already", name));
     throw HttpError(507, fmt::format("the set cannot be made: {}", std::strerror(errno)));
   }
   sync_folder(path);
@@ -207,7 +207,7 @@ FileInfo Workspace::store(const std::string& set, const std::string& name,
   }
   const auto bytes = static_cast<std::uint64_t>(status.st_size);
   if (bytes > limits_.file_bytes) {
-    throw HttpError(413, fmt::format("'{}' has {} MB; at most {} are taken", name, bytes >> 20U,
+    throw HttpError(413, fmt::format("'{}' has {} MB; at most {} are accepted", name, bytes >> 20U,
                                      limits_.file_bytes >> 20U));
   }
   check_space(bytes);
@@ -231,7 +231,7 @@ FileInfo Workspace::store(const std::string& set, const std::string& name,
     ++there;
   }
   if (there >= limits_.files_of_set) {
-    throw HttpError(409, fmt::format("the set has {} files already; make another", there));
+    throw HttpError(409, fmt::format("the set has already {} files; make another", there));
   }
   std::string final_name = name;
   if (replace) {
@@ -247,8 +247,7 @@ FileInfo Workspace::store(const std::string& set, const std::string& name,
         throw HttpError(507, fmt::format("'{}' cannot be stored: {}", name, std::strerror(errno)));
       }
       final_name = fmt::format("{} ({}){}", name.substr(0, dot), n, name.substr(dot));
-      if (!is_good_name(final_name))
-        throw HttpError(409, fmt::format("there is a '{}' already", name));
+      if (!is_good_name(final_name)) throw HttpError(409, fmt::format("'{}' exists already", name));
     }
     ::unlink(spooled.c_str());
   }
@@ -343,8 +342,8 @@ void Workspace::check_space(std::uint64_t bytes) const {
                                      now.used / 1'000'000, now.quota / 1'000'000));
   }
   if (now.free < limits_.disk_reserve_bytes + bytes) {
-    throw HttpError(507, fmt::format("the disk is nearly full: {} MB are left, of which {} stay "
-                                     "free; delete sets or jobs",
+    throw HttpError(507, fmt::format("the disk is nearly full: {} MB are free, of which {} stay "
+                                     "reserved; delete sets or jobs",
                                      now.free / 1'000'000, limits_.disk_reserve_bytes / 1'000'000));
   }
 }

@@ -18,8 +18,8 @@ namespace tarsier::web {
 
 void check_name(std::string_view what, const std::string& name) {
   if (is_good_name(name)) return;
-  throw HttpError(400, fmt::format("'{}' is no good name of a {}: letters, digits, spaces and "
-                                   "- _ . ( ), at most 120 bytes, no / * ? [ ] and no . at its "
+  throw HttpError(400, fmt::format("'{}' is not a valid name of a {}: letters, digits, spaces and "
+                                   "- _ . ( ), at most 120 bytes, no / * ? [ ] and no . at the "
                                    "beginning",
                                    printable(name.substr(0, 100)), what));
 }

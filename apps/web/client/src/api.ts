@@ -267,7 +267,7 @@ async function errorOf(response: Response): Promise<ApiError> {
   if (response.status === 401) signedIn.value = false;
   return new ApiError(
     response.status,
-    message || `The server answered ${response.status} ${response.statusText}.`,
+    message || `The server returned ${response.status} ${response.statusText}.`,
   );
 }
 
@@ -305,7 +305,7 @@ export async function call(path: string, options: CallOptions = {}): Promise<Res
   } catch (problem) {
     if (problem instanceof DOMException && problem.name === 'AbortError') throw problem;
     offline.value = true;
-    throw new ApiError(0, 'The server does not answer. Is tarsier serve still running?');
+    throw new ApiError(0, 'The server does not respond. Check that tarsier serve is running.');
   }
   offline.value = false;
   if (!response.ok) throw await errorOf(response);

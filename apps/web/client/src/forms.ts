@@ -160,26 +160,29 @@ export function problemOf(field: Field, value: FormValue): string {
   if (typeof value === 'boolean') return '';
   if (Array.isArray(value)) {
     const strange = value.find((word) => !field.choices.includes(word));
-    return strange === undefined ? '' : `${field.label}: ${strange} is none of ${field.choices.join(', ')}.`;
+    return strange === undefined
+      ? ''
+      : `${field.label}: ${strange} is not one of ${field.choices.join(', ')}.`;
   }
   const text = value.trim();
-  if (text === '') return field.required ? `${field.label} is needed.` : '';
+  if (text === '') return field.required ? `${field.label} is required.` : '';
   if (field.control === 'choice' && !field.choices.includes(text)) {
-    return `${field.label} is one of ${field.choices.join(', ')}.`;
+    return `${field.label} must be one of ${field.choices.join(', ')}.`;
   }
   if (field.control === 'integer' || field.control === 'number') {
     const number = Number(text);
-    if (!Number.isFinite(number)) return `${field.label} is a number.`;
-    if (field.control === 'integer' && !Number.isInteger(number)) return `${field.label} is a whole number.`;
+    if (!Number.isFinite(number)) return `${field.label} must be a number.`;
+    if (field.control === 'integer' && !Number.isInteger(number))
+      return `${field.label} must be a whole number.`;
     if (field.min !== null && (number < field.min || (field.minExcluded && number === field.min))) {
-      return `${field.label} is ${field.minExcluded ? 'more than' : 'at least'} ${field.min}.`;
+      return `${field.label} must be ${field.minExcluded ? 'more than' : 'at least'} ${field.min}.`;
     }
     if (field.max !== null && (number > field.max || (field.maxExcluded && number === field.max))) {
-      return `${field.label} is ${field.maxExcluded ? 'less than' : 'at most'} ${field.max}.`;
+      return `${field.label} must be ${field.maxExcluded ? 'less than' : 'at most'} ${field.max}.`;
     }
   }
   if (field.control === 'list' && field.values > 1 && split(text).length !== field.values) {
-    return `${field.label} takes ${field.values} values.`;
+    return `${field.label} needs ${field.values} values.`;
   }
   return '';
 }

@@ -232,7 +232,7 @@ async function connect(address: string): Promise<void> {
   }, 2000);
   try {
     const response = await call(address, { signal: own.signal });
-    if (!response.body) throw new Error('the browser gives no stream');
+    if (!response.body) throw new Error('the browser does not support streamed responses');
     const reader = response.body.getReader();
     const parser = new LiveParser();
     liveLink.value = 'open';

@@ -21,9 +21,9 @@ let running = 0;
 // Why there can be no camera here, in plain words; "" where there can.
 export function cameraTrouble(): string {
   if (navigator.mediaDevices && 'getUserMedia' in navigator.mediaDevices) return '';
-  if (window.isSecureContext) return 'This browser gives no camera to pages.';
+  if (window.isSecureContext) return 'This browser does not let pages use a camera.';
   return (
-    'Browsers give a page the camera only over https, or on this machine itself. ' +
+    'Browsers let a page use the camera only over https, or on the studio’s machine. ' +
     'Start the studio with --tls-self-signed and open its https link; the browser warns once, because ' +
     'the certificate is the studio’s own.'
   );

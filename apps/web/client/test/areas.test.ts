@@ -215,8 +215,8 @@ test('PLY: written and read again, ascii, and what is refused', () => {
   const ascii =
     'ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n4 5 6\n';
   assert.deepEqual([...readPly(text.encode(ascii)).positions], [1, 2, 3, 4, 5, 6]);
-  assert.throws(() => readPly(text.encode('plx')), /no PLY/);
-  assert.throws(() => readPly(writePly(cloud).subarray(0, 200)), /too early|no PLY/);
+  assert.throws(() => readPly(text.encode('plx')), /not a PLY/);
+  assert.throws(() => readPly(writePly(cloud).subarray(0, 200)), /truncated|not a PLY/);
   assert.throws(() => readPly(text.encode(ascii.replace('ascii', 'binary_big_endian'))), /neither/);
 });
 
@@ -476,7 +476,7 @@ test('what is asked of the program to train and to judge', () => {
     '--csv': 'out:cases.csv',
     '--errors': true,
   });
-  // What ships is named, so that a model of the user's own is not taken for it.
+  // The shipped model is named, so that a model of the user's own is not taken for it.
   assert.equal(judgeRequest(plates, 'job:1/cars', null, {}).flags['--reader'], 'model:plate-reader');
   assert.equal(drawRequest('gallery'), null);
   assert.deepEqual(dataOfJob('points', ['heads/set.json', 'heads/truth.jsonl']), ['heads/set.json']);

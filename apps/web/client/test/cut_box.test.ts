@@ -151,10 +151,10 @@ test('the lines of a bench become a table', () => {
 
 test('a verdict counts who is better', () => {
   const rows = compare({ nme_mean: 3, auc_8: 0.5, faces: 4 }, { nme_mean: 4, auc_8: 0.6, faces: 5 });
-  assert.equal(verdictOf(rows), 'Of 2 figures the new model is better in 1, what ships in 1.');
+  assert.equal(verdictOf(rows), 'Of 2 figures the new model is better in 1, the shipped model in 1.');
   assert.equal(
     verdictOf(compare({ nme_mean: 3, failures: 0 }, { nme_mean: 4, failures: 0 })),
-    'Of 2 figures the new model is better in 1, what ships in 0, equal in 1.',
+    'Of 2 figures the new model is better in 1, the shipped model in 0, equal in 1.',
   );
   assert.equal(verdictOf(compare({ faces: 1 }, { faces: 2 })), '');
 });
@@ -200,13 +200,13 @@ test('a surface is read from a .glb file, and what is broken is refused', () => 
   assert.deepEqual([...surface.faces], [0, 1, 2]);
   assert.deepEqual([...surface.uvs!], [0, 0, 1, 0, 0, 1]);
   assert.deepEqual([...surface.texture!.bytes], [1, 2, 3]);
-  assert.throws(() => readGlb(new Uint8Array(40)), /no binary glTF/);
-  assert.throws(() => readGlb(glbOf().subarray(0, 200)), /ends too early/);
+  assert.throws(() => readGlb(new Uint8Array(40)), /not a binary glTF/);
+  assert.throws(() => readGlb(glbOf().subarray(0, 200)), /truncated/);
   assert.throws(() => readGlb(glbOf((json) => (json['meshes'] = []))), /no surface/);
   const more = (json: Record<string, unknown>) => ((json['accessors'] as { count: number }[])[0]!.count = 4);
-  assert.throws(() => readGlb(glbOf(more)), /ends too early/);
+  assert.throws(() => readGlb(glbOf(more)), /truncated/);
   const fewer = (json: Record<string, unknown>) => ((json['accessors'] as { count: number }[])[0]!.count = 2);
-  assert.throws(() => readGlb(glbOf(fewer)), /vertices that it lacks/);
+  assert.throws(() => readGlb(glbOf(fewer)), /missing vertices/);
 });
 
 test('a click meets the surface where it is nearest, within the box', () => {

@@ -122,7 +122,7 @@ test('values are checked in plain words', () => {
   assert.match(problemOf(fieldOf(THRESHOLD), '256'), /at most 255/);
   assert.match(problemOf(fieldOf(AXES), 'z'), /one of x, xy/);
   assert.match(problemOf(fieldOf(PAIR), '1'), /2 values/);
-  assert.match(problemOf(fieldOf(flag('--size', { required: true })), ' '), /needed/);
+  assert.match(problemOf(fieldOf(flag('--size', { required: true })), ' '), /required/);
   assert.match(problemOf(fieldOf(KINDS), ['moon']), /moon/);
 });
 

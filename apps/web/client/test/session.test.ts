@@ -36,7 +36,7 @@ test('a key is for one action', () => {
   assert.equal(problemOfKey(112, 'sketch', actions, { paint: 120 }, none), '', 'it was given up');
   assert.match(problemOfKey(120, 'sketch', actions, { paint: 120 }, none), /oil paint/);
   assert.match(problemOfKey(27, 'sketch', actions, {}, none), /Escape/);
-  assert.match(problemOfKey(113, 'sketch', actions, {}, new Set([113])), /stays with the page/);
+  assert.match(problemOfKey(113, 'sketch', actions, {}, new Set([113])), /reserved for the page/);
 });
 
 test('stored keys that are broken are left out', () => {

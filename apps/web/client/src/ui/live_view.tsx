@@ -231,7 +231,7 @@ export function LiveView(props: LiveViewProps) {
         aria-roledescription={interactive ? 'live image' : undefined}
         aria-label={
           interactive
-            ? `${props.title}. Keys go to the session while this has the focus; Tab leaves it.`
+            ? `${props.title}. While it has the focus, keys go to the session. Tab leaves it.`
             : props.title
         }
         tabIndex={interactive ? 0 : undefined}

@@ -47,7 +47,7 @@ export function Identify({ people }: { people: Person[] }) {
       const reference = `job:${two.job}/${file}`;
       const run = await api.run('people identify', [reference]);
       const line = run.lines[0];
-      if (line === undefined) throw new Error(run.error || 'The program gave no answer.');
+      if (line === undefined) throw new Error(run.error || 'The program returned no result.');
       return {
         image: addressOf(reference) ?? '',
         name: file.split('/').pop() ?? file,
@@ -59,7 +59,7 @@ export function Identify({ people }: { people: Person[] }) {
       {people.length === 0 && <Notice>Nobody is enrolled yet: every face will be unknown.</Notice>}
       <FileDrop
         label="An image"
-        help="It is looked at and not kept."
+        help="The image is analysed and not stored."
         accept="image/*"
         disabled={busy}
         onFiles={(files) => void photo(files[0]!)}
@@ -79,7 +79,7 @@ function Faces({ answer }: { answer: Answer }) {
   const { faces } = answer;
   const said = (one: Named) => (one.known && one.label !== null ? one.label : 'unknown');
   return (
-    <section class="stack" aria-live="polite" aria-label="Who is on it">
+    <section class="stack" aria-live="polite" aria-label="Result">
       <h2>
         {faces.length === 0
           ? 'No face was found'
@@ -113,10 +113,10 @@ function Faces({ answer }: { answer: Answer }) {
       <Table
         caption="Faces"
         columns={[
-          { name: 'Who', show: said },
-          { name: 'Sure', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
+          { name: 'Person', show: said },
+          { name: 'Confidence', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
           { name: 'Nearest', show: (one) => one.label ?? '' },
-          { name: 'Where, px', show: (one) => one.box.join(', '), number: true },
+          { name: 'Box, px', show: (one) => one.box.join(', '), number: true },
         ]}
         rows={faces}
         keyOf={(_, i) => i}

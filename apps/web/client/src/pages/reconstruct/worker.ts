@@ -22,7 +22,7 @@ const scope = globalThis as unknown as {
 
 async function fileAt(address: string): Promise<Response> {
   const response = await fetch(address, { credentials: 'same-origin' });
-  if (!response.ok) throw new Error(`The server answered ${response.status} for a file of the model.`);
+  if (!response.ok) throw new Error(`The server returned ${response.status} for a file of the model.`);
   return response;
 }
 

@@ -44,7 +44,7 @@ function Group({ id, group }: { id: string; group: SliderGroup }) {
       <div class="row">
         {rest.length > 0 && (
           <Button small aria-expanded={all} onClick={() => setAll(!all)}>
-            {all ? 'The first alone' : `All ${group.sliders.length} modes of ${group.name}`}
+            {all ? 'Show fewer modes' : `All ${group.sliders.length} modes of ${group.name}`}
           </Button>
         )}
         <Button
@@ -54,7 +54,7 @@ function Group({ id, group }: { id: string; group: SliderGroup }) {
             for (const one of off) sendEvent(id, { slider: one.name, value: middleOf(one) });
           }}
         >
-          {capital(group.name)} to the middle
+          Reset {group.name}
         </Button>
       </div>
     </fieldset>

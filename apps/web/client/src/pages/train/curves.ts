@@ -112,7 +112,7 @@ export function verdictOf(rows: readonly Comparison[]): string {
   const count = (which: Comparison['better']) => judged.filter((row) => row.better === which).length;
   const [mine, shipped, same] = [count('mine'), count('shipped'), count('same')];
   const equal = same > 0 ? `, equal in ${same}` : '';
-  return `Of ${judged.length} figures the new model is better in ${mine}, what ships in ${shipped}${equal}.`;
+  return `Of ${judged.length} figures the new model is better in ${mine}, the shipped model in ${shipped}${equal}.`;
 }
 
 function numbersOf(value: unknown, prefix = '', into = new Map<string, number>()): Map<string, number> {

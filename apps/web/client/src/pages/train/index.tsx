@@ -22,14 +22,14 @@ export function Train() {
   return (
     <>
       <PageHead
-        title="Train and judge"
-        text="Models of your own data, how good they are, and how they compare with what ships."
+        title="Train and evaluate"
+        text="Train models on your own data, evaluate them, and compare them with the shipped models."
       />
       <Tabs
-        label="Train and judge"
+        label="Train and evaluate"
         tabs={[
           { id: 'train', label: 'Train' },
-          { id: 'judge', label: 'Judge' },
+          { id: 'judge', label: 'Evaluate' },
         ]}
         value={tab}
         onChange={setTab}
@@ -91,7 +91,7 @@ export function DataSource(props: { kind: DataKind; value: string; onChange: (va
         <SetSource
           kind="plates"
           label="Or images with a table truth.csv"
-          help="Columns image, x, y, w, h, text. Images without a table show what is no plate."
+          help="The columns are image, x, y, w, h, text. Images without a table are examples without plates."
           accept="image/*,.csv"
           onSet={(set) => props.onChange(`set:${set}`)}
         />
@@ -116,7 +116,7 @@ export function DataSource(props: { kind: DataKind; value: string; onChange: (va
           >
             Try with synthetic data
           </Button>
-          {props.kind === 'points' && <a href="/annotate">Annotate images of your own</a>}
+          {props.kind === 'points' && <a href="/annotate">Annotate your own images</a>}
         </div>
       )}
     </div>
@@ -141,7 +141,7 @@ function TrainPart(props: { given: string; onJudge: (model: string, verb: string
   return (
     <div class="split">
       <section class="card stack" aria-labelledby="what-to-train">
-        <h2 id="what-to-train">What to train</h2>
+        <h2 id="what-to-train">Model to train</h2>
         <Select
           label="Model"
           value={String(number)}
@@ -182,7 +182,7 @@ function TrainPart(props: { given: string; onJudge: (model: string, verb: string
       <section class="stack" aria-labelledby="training">
         <h2 id="training">Training</h2>
         {all.error && <Notice kind="problem">{all.error}</Notice>}
-        {shown === undefined && <p class="faint">Nothing was trained yet.</p>}
+        {shown === undefined && <p class="faint">No training yet.</p>}
         {shown !== undefined && (
           <Training key={shown} id={shown} onChange={all.again} onJudge={props.onJudge} />
         )}
@@ -234,10 +234,10 @@ function Training(props: {
     <>
       <JobCard job={job} onChange={props.onChange} />
       {printed.length > 0 ? (
-        <Chart title="What the program measured" series={printed} x="" y="Now" />
+        <Chart title="Measured during the training" series={printed} x="" y="Value" />
       ) : (
         samples.length > 1 && (
-          <Chart title="How far, in % of each step" series={progressSeries(samples)} x="s" y="%" />
+          <Chart title="Progress of each step, %" series={progressSeries(samples)} x="s" y="%" />
         )
       )}
       {isOver(job) && numbers.length > 0 && (
@@ -256,7 +256,7 @@ function Training(props: {
             kind="main"
             onClick={() => props.onJudge(`job:${job.id}/${model.name}`, job.verb, dataOf(job))}
           >
-            Judge it
+            Evaluate this model
           </Button>
           <a href={api.jobFileAddress(job.id, model.name)} download={model.name}>
             Download {model.name}
@@ -265,7 +265,7 @@ function Training(props: {
       )}
       {job.state === 'done' && model && placeOf(job.verb) !== undefined && (
         <details>
-          <summary>Install it without judging</summary>
+          <summary>Install without an evaluation</summary>
           <InstallModel model={`job:${job.id}/${model.name}`} place={placeOf(job.verb)!} verdict="" />
         </details>
       )}

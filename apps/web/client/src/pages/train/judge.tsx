@@ -63,7 +63,7 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
         })),
     );
   }, [trained.jobs.map((job) => job.id).join(' '), number]);
-  const options = [{ value: '', label: 'Only what ships' }, ...(models.value ?? [])];
+  const options = [{ value: '', label: 'Only the shipped model' }, ...(models.value ?? [])];
   if (model !== '' && !options.some((one) => one.value === model))
     options.push({ value: model, label: model });
 
@@ -73,10 +73,10 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
       return (await api.startJob({ verb: chosen.verb, ...request, name })).id;
     };
     await attempt(async () => {
-      const mine = model === '' ? null : await start(model, `Judge: ${chosen.title}, mine`);
+      const mine = model === '' ? null : await start(model, `Evaluation: ${chosen.title}, your model`);
       const shipped =
         model === '' || withShipped === 'yes'
-          ? await start(null, `Judge: ${chosen.title}, what ships`)
+          ? await start(null, `Evaluation: ${chosen.title}, shipped model`)
           : null;
       setRunning({ verb: number, model, mine, shipped });
     });
@@ -85,7 +85,7 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
   return (
     <div class="split">
       <section class="card stack" aria-labelledby="what-to-judge">
-        <h2 id="what-to-judge">What to judge</h2>
+        <h2 id="what-to-judge">Model to evaluate</h2>
         <Select
           label="Kind"
           value={String(number)}
@@ -103,8 +103,8 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
             label="Compare"
             value={withShipped}
             options={[
-              { value: 'yes', label: 'with what ships' },
-              { value: 'no', label: 'with nothing' },
+              { value: 'yes', label: 'with the shipped model' },
+              { value: 'no', label: 'with no other model' },
             ]}
             onChange={setWithShipped}
           />
@@ -115,14 +115,14 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
             verb={{ ...verb, inputs: [] }}
             inputs={data === '' ? [] : [data]}
             options={{ only: [...chosen.only] }}
-            submit="Judge"
+            submit="Evaluate"
             ready={data !== ''}
             onSubmit={judge}
           >
             <DataSource kind={chosen.data} value={data} onChange={setData} />
             <p class="field-help">
-              Judge on images that the model has not learnt from: with "hold out" 3 in training and "held out"
-              3 here, each third image.
+              Evaluate on images that are not in the training set. With "hold out" 3 in training and "held
+              out" 3 here, these are every third image.
             </p>
           </VerbForm>
         )}
@@ -132,7 +132,7 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
         {running ? (
           <Result key={`${running.mine} ${running.shipped}`} running={running} />
         ) : (
-          <p class="faint">Nothing was judged yet.</p>
+          <p class="faint">No evaluation yet.</p>
         )}
       </section>
     </div>
@@ -159,13 +159,13 @@ function Result({ running }: { running: Running }) {
     main !== undefined;
   const rows = ready ? inOrder(compare(figuresOf(mine), figuresOf(shipped))) : [];
   const place = placeOf(judgeVerbs[running.verb]!.trains);
-  const word: Record<string, string> = { mine: 'mine', shipped: 'what ships', same: 'equal' };
+  const word: Record<string, string> = { mine: 'your model', shipped: 'shipped model', same: 'equal' };
   const columns = [
-    { name: 'What', show: (one: Comparison) => wordFor(one.name) },
+    { name: 'Figure', show: (one: Comparison) => wordFor(one.name) },
     ...(running.mine !== null
       ? [
           {
-            name: 'Mine',
+            name: 'Your model',
             show: (one: Comparison) => (one.mine === null ? '' : cellText(one.mine)),
             number: true,
           },
@@ -174,7 +174,7 @@ function Result({ running }: { running: Running }) {
     ...(running.shipped !== null
       ? [
           {
-            name: 'What ships',
+            name: 'Shipped model',
             show: (one: Comparison) => (one.shipped === null ? '' : cellText(one.shipped)),
             number: true,
           },
