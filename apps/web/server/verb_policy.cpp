@@ -213,7 +213,7 @@ class Builder {
       }
       case FlagKind::kOutput: {
         const std::string text = value_text(name, value);
-        if (text == "none" && name == "--output") return text;
+        if (flag.at("headless_value") == text) return text;
         return output_file(name, text);
       }
       case FlagKind::kState:
@@ -304,9 +304,8 @@ class Builder {
     // Without an output for its images such a verb would open a window.
     const Json* output = VerbTable::find_flag(verb_, "--output");
     if (use_ != Use::kLive && output != nullptr && !has("--output") &&
-        output->at("help").get_ref<const std::string&>().find("none [the window]") !=
-            std::string::npos) {
-      add("--output=none");
+        output->at("headless_value").is_string()) {
+      add("--output=" + output->at("headless_value").get<std::string>());
     }
     if (takes("--json")) add("--json");
     if (use_ == Use::kJob && takes("--progress")) add("--progress=json");

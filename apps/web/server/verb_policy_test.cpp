@@ -152,6 +152,12 @@ TEST(VerbPolicy, AddsWhatTheServerDecides) {
               Contains("--progress=json"));
   // Without a place for images the verb would open a window.
   EXPECT_THAT(line_of("landmarks fit", {"set:a/1.jpg"}).words, Contains("--output=none"));
+  EXPECT_THAT(line_of("cartoon run", {"set:a"}, {{"--output", "none"}}).words,
+              Contains("--output=none"));
+  // A verb without a window has no such value.
+  EXPECT_THAT(line_of("sfm reconstruct", {"set:trip"}).words, Not(Contains("--output=none")));
+  EXPECT_THAT(refusal("sfm reconstruct", {"set:trip"}, {{"--output", "none"}}),
+              Not(HasSubstr("taken")));
   EXPECT_THAT(refusal("models list", {}, Json::object(), Use::kLive), HasSubstr("cannot run live"));
 }
 

@@ -36,6 +36,8 @@ export interface FlagHelp {
   positional: number | null;
   type: 'text' | 'switch' | 'integer' | 'number';
   choices: string[];
+  suggestions: string[]; // words that a text may be, among other values
+  headless_value: string | null; // opens no window, where the verb opens one without this flag
   range: { min: number | null; max: number | null; min_excluded: boolean; max_excluded?: boolean } | null;
   unit?: string; // of a number: "px", "s"
   default: string | number | boolean | null;

@@ -9,7 +9,7 @@ export interface Field {
   label: string; // "mode"
   control: Control;
   choices: string[];
-  suggestions: string[]; // words that the help lists
+  suggestions: string[]; // words that a text may be, among other values
   min: number | null;
   minExcluded: boolean;
   maxExcluded: boolean;
@@ -52,32 +52,6 @@ export const NOT_HERE = new Set([
   '--on-event-timeout',
 ]);
 
-// "1..100, odd": the range that a help text begins or contains, as hint for the control.
-export function rangeOfHelp(help: string): { min: number; max: number } | null {
-  const found = /(?:^|[\s,([])(-?\d+(?:\.\d+)?)\.\.(-?\d+(?:\.\d+)?)(?![\d.])/.exec(help);
-  if (!found) return null;
-  const min = Number(found[1]);
-  const max = Number(found[2]);
-  return min < max ? { min, max } : null;
-}
-
-// The words that a help text lists, where it does nothing else and the default is one of them:
-// "sketch paint cartoon evil", or "fast: the same image; draft: for small machines".
-export function wordsOfHelp(help: string, preset: FieldDefault): string[] {
-  const explained = help.split(/;\s*/).map((part) => /^([a-z0-9][a-z0-9-]*): \S/.exec(part)?.[1] ?? '');
-  const listed = (help.split(/[.;:]\s/)[0] ?? '')
-    .replaceAll(',', ' ')
-    .split(/\s+/)
-    .filter((word) => word !== '' && word !== 'or');
-  for (const words of [explained, listed]) {
-    const good = words.length > 1 && words.every((word) => /^[a-z0-9][a-z0-9-]*$/.test(word));
-    if (good && typeof preset === 'string' && words.includes(preset)) return words;
-  }
-  return [];
-}
-
-type FieldDefault = FlagHelp['default'];
-
 // "--min-face": "Min face".
 export function labelOf(name: string): string {
   const words = name.replace(/^--/, '').replaceAll('-', ' ');
@@ -88,7 +62,6 @@ export function fieldOf(flag: FlagHelp): Field {
   const name =
     flag.names.find((one) => one.startsWith('--') && !one.startsWith('--no-')) ?? flag.names[0] ?? '';
   const number = flag.type === 'integer' || flag.type === 'number';
-  const hint = number ? rangeOfHelp(flag.help) : null;
   let control: Control = 'text';
   if (flag.type === 'switch') control = 'switch';
   else if (flag.choices.length > 0 && flag.repeatable) control = 'choices';
@@ -100,10 +73,10 @@ export function fieldOf(flag: FlagHelp): Field {
     label: number && flag.unit ? `${labelOf(name)}, ${flag.unit}` : labelOf(name),
     control,
     choices: flag.choices,
-    suggestions: control === 'text' ? wordsOfHelp(flag.help, flag.default) : [],
-    min: flag.range?.min ?? hint?.min ?? null,
+    suggestions: control === 'text' ? flag.suggestions : [],
+    min: flag.range?.min ?? null,
     minExcluded: flag.range?.min_excluded ?? false,
-    max: flag.range?.max ?? hint?.max ?? null,
+    max: flag.range?.max ?? null,
     maxExcluded: flag.range?.max_excluded ?? false,
     values: flag.values,
     default: flag.default,
