@@ -56,7 +56,7 @@ Json info_json(const Workspace& workspace, const AboutOptions& options) {
 
 }  // namespace
 
-std::string ask_for_help(const std::string& program) {
+std::string read_help_json(const std::string& program) {
   std::string text;
   ChildOptions options;
   options.arguments = {program, "help", "--json"};

@@ -59,7 +59,7 @@ Response too_many(int wait) {
 
 }  // namespace
 
-std::optional<Response> HttpChecks::refusal(Pending& pending) {
+std::optional<Response> HttpChecks::refusal(PendingRequest& pending) {
   Request& request = pending.request;
   const std::string_view length = request.header("content-length");
   const auto bytes = to_integer(length, 0, std::int64_t{1} << 50);
@@ -115,9 +115,9 @@ std::optional<Response> HttpChecks::check_access(Request& request, const Router:
   return std::nullopt;
 }
 
-std::optional<Response> HttpChecks::check_body(Pending& pending, bool has_length) const {
+std::optional<Response> HttpChecks::check_body(PendingRequest& pending, bool has_length) const {
   Request& request = pending.request;
-  const RouteOptions& wanted = pending.route->options;
+  const RouteOptions& options = pending.route->options;
   const std::string_view type = request.header("content-type");
   request.content_type = lower_case(trimmed(type.substr(0, type.find(';'))));
   if (!request.header("transfer-encoding").empty())
@@ -126,13 +126,13 @@ std::optional<Response> HttpChecks::check_body(Pending& pending, bool has_length
     return error_response(400, "the Content-Length is malformed");
   if (pending.expected == 0) return std::nullopt;
   if (request.method == "GET") return error_response(400, "a GET request must not have a body");
-  if (!wanted.types.empty() && std::find(wanted.types.begin(), wanted.types.end(),
-                                         request.content_type) == wanted.types.end())
+  if (!options.types.empty() && std::find(options.types.begin(), options.types.end(),
+                                          request.content_type) == options.types.end())
     return error_response(
-        415, fmt::format("the body must be of type {}", fmt::join(wanted.types, " or ")));
-  if (pending.expected > wanted.max_body)
-    return error_response(413, fmt::format("the body is larger than {} bytes", wanted.max_body));
-  if (!wanted.spool) {
+        415, fmt::format("the body must be of type {}", fmt::join(options.types, " or ")));
+  if (pending.expected > options.max_body)
+    return error_response(413, fmt::format("the body is larger than {} bytes", options.max_body));
+  if (!options.spool) {
     request.body.reserve(pending.expected);
     return std::nullopt;
   }

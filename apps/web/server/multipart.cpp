@@ -70,7 +70,7 @@ MultipartParser::MultipartParser(const std::string& boundary, Events events)
 
 bool MultipartParser::fail(std::string why) {
   state_ = State::kBroken;
-  trouble_ = std::move(why);
+  error_ = std::move(why);
   pending_.clear();
   return false;
 }

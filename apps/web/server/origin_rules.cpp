@@ -77,9 +77,10 @@ bool OriginRules::is_own_host(std::string_view text) const {
   for (const std::string_view scheme : {"https://", "http://"}) {
     if (!proxy_origin.starts_with(scheme)) continue;
     const auto own = parse_host(std::string_view(proxy_origin).substr(scheme.size()));
-    const std::uint16_t usual = default_port(scheme == "https://");
+    const std::uint16_t scheme_port = default_port(scheme == "https://");
     return own && own->host == host->host &&
-           (own->port != 0 ? own->port : usual) == (host->port != 0 ? host->port : usual);
+           (own->port != 0 ? own->port : scheme_port) ==
+               (host->port != 0 ? host->port : scheme_port);
   }
   return false;
 }

@@ -80,7 +80,7 @@ Json flag_value(const Json& flag, const std::string& text) {
   return text;  // the type check refuses it
 }
 
-std::string image_ending(const std::string& head) {
+std::string image_extension(const std::string& head) {
   const auto format =
       probe_image({reinterpret_cast<const std::uint8_t*>(head.data()), head.size()});
   if (!format) return {};
@@ -122,16 +122,16 @@ class ImagesOfRequest {
  private:
   void add(const std::string& bytes, std::string name) {
     if (bytes.empty()) throw HttpError(400, "the body is empty; send an image");
-    const std::string ending = image_ending(bytes);
+    const std::string extension = image_extension(bytes);
     FileType type = FileType::kOther;
-    const std::string trouble =
-        find_upload_trouble("image" + ending, bytes, workspace_.limits().pixels, type);
-    if (type != FileType::kImage || !trouble.empty()) {
-      throw HttpError(415, trouble.empty() ? "the body is not an image" : trouble);
+    const std::string error =
+        upload_error("image" + extension, bytes, workspace_.limits().pixels, type);
+    if (type != FileType::kImage || !error.empty()) {
+      throw HttpError(415, error.empty() ? "the body is not an image" : error);
     }
     if (images_.size() >= kMaxImages)
       throw HttpError(413, fmt::format("more than {} images; upload a set instead", kMaxImages));
-    const std::string path = fmt::format("{}/input-{:03}{}", folder_, images_.size(), ending);
+    const std::string path = fmt::format("{}/input-{:03}{}", folder_, images_.size(), extension);
     write_file_atomically(path, bytes);
     if (!is_one_line(name, 200) || name.empty()) name = "image";
     images_.push_back({path, std::move(name)});
@@ -162,7 +162,7 @@ class ImagesOfRequest {
     std::string body = request.body;
     if (!request.body_file.empty())
       body = read_file(request.body_file, static_cast<std::int64_t>(kMaxForm));
-    if (!parser.feed(body)) throw HttpError(400, "the form is malformed: " + parser.trouble());
+    if (!parser.feed(body)) throw HttpError(400, "the form is malformed: " + parser.error());
     if (!parser.is_complete()) throw HttpError(400, "the form is incomplete");
     if (is_large) throw HttpError(413, "an image is larger than 64 MB");
     for (const auto& [content, file_name] : files) {
@@ -272,7 +272,7 @@ Runs::Result Runs::run(const Json& object, const std::string& address) {
   const VerbRequest request = verb_request(object);
   const Folder folder(host_.workspace);
   const CommandLine command = host_.command(request, Use::kRun, folder.path() + "/files");
-  host_.tell_audit(command, request, address);
+  host_.write_audit(command, request, address);
   Result result = execute(command, folder);
   if (request.verb == "people forget" && !request.inputs.empty() && result.exit == 0 &&
       host_.forgotten) {
@@ -350,7 +350,7 @@ Runs::Result Runs::run_on(const std::string& verb, const std::vector<Image>& ima
                                       },
                                       host_.source, folder.path() + "/files"});
   for (const Image& image : images) command.secrets.emplace_back(image.path, image.name);
-  host_.tell_audit(command, request, address);
+  host_.write_audit(command, request, address);
   Result result = execute(command, folder);
   if (const std::string path = folder.path() + "/files/" + drawing;
       !drawing.empty() && fs::is_regular_file(path)) {
@@ -377,15 +377,15 @@ Runs::Result Runs::execute(const CommandLine& command, const Folder& folder) {
     if (is_stopping_) throw HttpError(503, "the server is stopping");
     ++running_;
   }
-  const auto free_place = [this](void*) {
+  const auto release_slot = [this](void*) {
     const std::lock_guard lock(mutex_);
     --running_;
     freed_.notify_one();
   };
-  const std::unique_ptr<void, decltype(free_place)> place(this, free_place);
+  const std::unique_ptr<void, decltype(release_slot)> place(this, release_slot);
 
   Result result;
-  result.command = command.shown;
+  result.command = command.shell_text;
   std::mutex mutex;
   std::size_t bytes = 0;
   bool is_large = false;

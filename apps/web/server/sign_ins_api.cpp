@@ -53,8 +53,8 @@ class Guarded final : public BodyStream {
       : stream_(std::move(stream)), is_signed_in_(std::move(is_signed_in)), interval_(interval) {}
   std::ptrdiff_t read(std::span<char> buffer, int socket) override {
     const Clock::time_point now = Clock::now();
-    if (now - looked_ >= interval_) {
-      looked_ = now;
+    if (now - last_check_ >= interval_) {
+      last_check_ = now;
       if (!is_signed_in_()) return -1;
     }
     return stream_->read(buffer, socket);
@@ -65,7 +65,7 @@ class Guarded final : public BodyStream {
   std::unique_ptr<BodyStream> stream_;
   std::function<bool()> is_signed_in_;
   const std::chrono::milliseconds interval_;
-  Clock::time_point looked_ = Clock::now();
+  Clock::time_point last_check_ = Clock::now();
 };
 
 }  // namespace

@@ -159,7 +159,7 @@ struct Studio::Impl {
         workspace(options.workspace, limits_of(options)),
         audit(workspace.studio_folder() + "/audit.log"),
         sign_ins(workspace.studio_folder()),
-        verbs(ask_for_help(options.program)) {
+        verbs(read_help_json(options.program)) {
     listen();
     add_parts();
     start_server();
@@ -274,7 +274,7 @@ struct Studio::Impl {
     const auto source = [this](const std::string& reference) {
       if (reference.starts_with("viewer:"))
         throw UsageError("only live sessions can use a browser camera");
-      return live->source_word(reference);
+      return live->resolve_source(reference);
     };
     VerbHost host{workspace, verbs, audit, options.program, source};
     jobs = std::make_unique<Jobs>(host, feed, jobs_of(options));

@@ -21,19 +21,19 @@ constexpr NameTable<FileType, 3> kFileTypes{
     "kind of file",
     {{{FileType::kImage, "image"}, {FileType::kVideo, "video"}, {FileType::kOther, "other"}}}};
 
-constexpr auto kVideoEndings =
+constexpr auto kVideoExtensions =
     std::to_array<std::string_view>({".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm"});
 // Other files that verbs read, besides images and videos.
-constexpr auto kDataEndings =
+constexpr auto kDataExtensions =
     std::to_array<std::string_view>({".txt", ".csv", ".json", ".jsonl", ".yaml", ".yml", ".xml",
                                      ".pts", ".asf", ".obj", ".ply", ".tri"});
 
-bool has_ending(std::string_view name, const auto& endings) {
+bool has_extension(std::string_view name, const auto& extensions) {
   std::string lower(name);
   std::transform(lower.begin(), lower.end(), lower.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return std::any_of(endings.begin(), endings.end(),
-                     [&](std::string_view ending) { return lower.ends_with(ending); });
+  return std::any_of(extensions.begin(), extensions.end(),
+                     [&](std::string_view extension) { return lower.ends_with(extension); });
 }
 
 bool is_video_head(std::string_view bytes) {
@@ -72,7 +72,7 @@ bool names_foreign_files(std::string_view text) {
 }  // namespace
 
 bool is_video(std::string_view name, std::string_view head) {
-  return has_ending(name, kVideoEndings) && is_video_head(head);
+  return has_extension(name, kVideoExtensions) && is_video_head(head);
 }
 
 std::string_view name_of(FileType type) { return kFileTypes.name(type); }
@@ -89,8 +89,8 @@ nlohmann::json to_json(const FileInfo& file) {
   return json;
 }
 
-std::string find_upload_trouble(std::string_view name, std::string_view bytes,
-                                std::int64_t max_pixels, FileType& type) {
+std::string upload_error(std::string_view name, std::string_view bytes, std::int64_t max_pixels,
+                         FileType& type) {
   type = FileType::kOther;
   if (bytes.empty()) return "the file is empty";
   if (const auto format = image_format_of(bytes_of(bytes))) {
@@ -110,11 +110,11 @@ std::string find_upload_trouble(std::string_view name, std::string_view bytes,
     }
     return {};
   }
-  if (has_ending(name, kVideoEndings)) {
+  if (has_extension(name, kVideoExtensions)) {
     type = FileType::kVideo;
     return is_video_head(bytes) ? "" : "the file is named like a video, but is not one";
   }
-  if (has_ending(name, kDataEndings)) {
+  if (has_extension(name, kDataExtensions)) {
     if (!names_foreign_files(bytes)) return {};
     return "the file refers to others by absolute paths or '..'; use their names only, and upload "
            "them into the same set";
@@ -136,8 +136,8 @@ std::string media_type(std::string_view name) {
       {".mp4", "video/mp4"},
       {".webm", "video/webm"},
   });
-  for (const auto& [ending, type] : kTypes) {
-    if (has_ending(name, std::array{ending})) return std::string(type);
+  for (const auto& [extension, type] : kTypes) {
+    if (has_extension(name, std::array{extension})) return std::string(type);
   }
   return "application/octet-stream";
 }

@@ -141,20 +141,20 @@ class Builder {
     for (const Audited& row : kAudited) {
       if (row.verb == request_.verb && (row.flag.empty() || has(row.flag))) line_.audit = row.event;
     }
-    line_.shown = "tarsier";
-    for (const std::string& word : shown_) line_.shown += ' ' + shell_quoted(word);
+    line_.shell_text = "tarsier";
+    for (const std::string& word : shown_words_) line_.shell_text += ' ' + shell_quoted(word);
     return std::move(line_);
   }
 
  private:
   void add(const std::string& word) { add(word, word); }
-  void add(const std::string& word, const std::string& shown) {
+  void add(const std::string& word, const std::string& shown_word) {
     line_.words.push_back(word);
-    shown_.push_back(shown);
+    shown_words_.push_back(shown_word);
   }
 
   [[nodiscard]] bool has(std::string_view flag) const {
-    return std::find(given_.begin(), given_.end(), flag) != given_.end();
+    return std::find(given_flags_.begin(), given_flags_.end(), flag) != given_flags_.end();
   }
 
   std::string input_file(std::string_view name, const std::string& reference) const {
@@ -257,20 +257,21 @@ class Builder {
       } else {
         add_values(*flag, kind, name, value);
       }
-      given_.push_back(name);
+      given_flags_.push_back(name);
     }
   }
 
   void add_values(const Json& flag, FlagKind kind, const std::string& name, const Json& value) {
-    const std::size_t least = flag.at("values");
+    const std::size_t value_count = flag.at("values");
     const bool repeatable = flag.at("repeatable");
     if (!value.is_array()) {
-      if (least > 1) refuse("{}: expected a list of {} values", name, least);
+      if (value_count > 1) refuse("{}: expected a list of {} values", name, value_count);
       add(name + '=' + flag_text(flag, kind, name, value));
       return;
     }
-    if (!repeatable && value.size() != least) {
-      refuse("{}: expected {} value{}, not {}", name, least, least == 1 ? "" : "s", value.size());
+    if (!repeatable && value.size() != value_count) {
+      refuse("{}: expected {} value{}, not {}", name, value_count, value_count == 1 ? "" : "s",
+             value.size());
     }
     if (value.empty() || value.size() > kMaxValues) {
       refuse("{}: expected 1 to {} values", name, kMaxValues);
@@ -335,7 +336,7 @@ class Builder {
     }
     if (given.empty()) {  // no "--" without inputs
       line_.words.pop_back();
-      shown_.pop_back();
+      shown_words_.pop_back();
     }
   }
 
@@ -375,8 +376,8 @@ class Builder {
   const Use use_;
   const References& references_;
   CommandLine line_;
-  std::vector<std::string> shown_;
-  std::vector<std::string> given_;
+  std::vector<std::string> shown_words_;
+  std::vector<std::string> given_flags_;
 };
 
 }  // namespace
@@ -503,8 +504,9 @@ bool is_one_line(std::string_view text, std::size_t max_bytes) {
       if ((next & 0xc0U) != 0x80) return false;
       code = (code << 6U) | (next & 0x3fU);
     }
-    constexpr std::array<std::uint32_t, 5> kLeast = {0, 0, 0x80, 0x800, 0x10000};
-    if (code < kLeast[length] || code > 0x10ffff || (code >= 0xd800 && code < 0xe000)) return false;
+    constexpr std::array<std::uint32_t, 5> kMinCode = {0, 0, 0x80, 0x800, 0x10000};
+    if (code < kMinCode[length] || code > 0x10ffff || (code >= 0xd800 && code < 0xe000))
+      return false;
     if (code >= 0x80 && code < 0xa0) return false;  // control characters, too
     // Line separators, and characters that change the direction of text.
     if (code == 0x2028 || code == 0x2029 || (code >= 0x202a && code <= 0x202e) ||

@@ -17,13 +17,13 @@ using Clock = std::chrono::steady_clock;
 }  // namespace
 
 std::string ViewerCameras::add() {
-  forget_silent();
+  remove_inactive();
   const std::lock_guard lock(mutex_);
-  if (cameras_.size() >= kMost)
-    throw HttpError(
-        409, fmt::format("the limit of {} browser cameras is reached; close one first", kMost));
+  if (cameras_.size() >= kMaxCameras)
+    throw HttpError(409, fmt::format("the limit of {} browser cameras is reached; close one first",
+                                     kMaxCameras));
   std::string id = new_secret().substr(0, 12);
-  cameras_[id].heard = Clock::now();
+  cameras_[id].last_frame_time = Clock::now();
   return id;
 }
 
@@ -43,7 +43,7 @@ void ViewerCameras::put(const std::string& id, std::string jpeg) {
     if (found == cameras_.end())
       throw HttpError(404, "this camera was closed; open another (POST /api/viewer-cameras)");
     Camera& camera = found->second;
-    camera.heard = Clock::now();
+    camera.last_frame_time = Clock::now();
     camera.newest = frame;
     std::erase_if(camera.sessions, [](const auto& session) { return session.expired(); });
     for (const auto& session : camera.sessions) {
@@ -98,12 +98,12 @@ void ViewerCameras::attach(const std::string& id, const std::shared_ptr<LiveSess
   if (newest != nullptr) session->offer_frame(std::move(newest));
 }
 
-void ViewerCameras::forget_silent() {
+void ViewerCameras::remove_inactive() {
   std::vector<Camera> silent;
   {
     const std::lock_guard lock(mutex_);
     for (auto camera = cameras_.begin(); camera != cameras_.end();) {
-      if (Clock::now() - camera->second.heard < kSilence) {
+      if (Clock::now() - camera->second.last_frame_time < kFrameTimeout) {
         ++camera;
         continue;
       }

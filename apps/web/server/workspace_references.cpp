@@ -68,7 +68,7 @@ std::vector<FileInfo> Workspace::job_files(const std::string& id) const {
     }
     if (!is_file(path)) continue;
     try {
-      files.push_back(look_at(path, path.substr(folder.size() + 1)));
+      files.push_back(inspect(path, path.substr(folder.size() + 1)));
     } catch (const HttpError&) {  // a temporary file that was deleted meanwhile
     }
   }

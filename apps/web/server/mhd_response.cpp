@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "http_answer.h"
+#include "mhd_response.h"
 
 #include "tarsier/core/log.h"
 
@@ -110,9 +110,9 @@ void add_headers(MHD_Response* body, const Response& response) {
 
 }  // namespace
 
-HttpAnswer make_answer(Response& response, std::string_view range, int socket,
-                       const HttpConnections& connections, HttpCounters& counters) {
-  HttpAnswer answer;
+MhdResponse make_mhd_response(Response& response, std::string_view range, int socket,
+                              const HttpConnections& connections, HttpCounters& counters) {
+  MhdResponse answer;
   if (response.stream != nullptr) {
     auto streaming = std::make_unique<Streaming>();
     streaming->stream = std::move(response.stream);
