@@ -44,7 +44,7 @@ SECURITY, FILES, JOBS, LIVE, UNIT = "test_security.py", "test_files.py", "test_j
 def header(name, rule, what):
     """A header field of every answer."""
     return (rule, what, [(f'  header("{name}",', f'  if (!rule_is_out("{rule}")) header("{name}",')], SECURITY,
-            "test_answers_carry_the_policy")
+            "test_responses_carry_the_policy")
 
 
 # (rule, its description, [(text, text with the rule under a condition)], file of the test, test)
@@ -56,10 +56,10 @@ RULES = [
        '    const char* where = rule_is_out("loopback") ? "0.0.0.0" : "127.0.0.1";\n'
        "    ListenAddress four = parse_listen_address(text(where, options.port));\n"
        "    http.sockets.push_back(listen_on(text(where, options.port), four));")],
-     SECURITY, "test_loopback_alone_by_default"),
+     SECURITY, "test_listens_on_loopback_only_by_default"),
     ("listen-all", "--listen-all needs TLS or a proxy",
      [("if (options.listen_all && !tls && !proxy)", 'if (options.listen_all && !tls && !proxy && !rule_is_out("listen-all"))')],
-     SECURITY, "test_it_refuses_to_listen_openly"),
+     SECURITY, "test_refuses_to_listen_openly_without_tls"),
     ("tls-key", "the key of the own certificate is the owner's (0600)",
      [("::open(key_path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);",
        '::open(key_path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, rule_is_out("tls-key") ? 0644 : 0600);')],
@@ -69,14 +69,14 @@ RULES = [
      [("O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600);\n  if (fd < 0) throw OutputError(temporary",
        'O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, rule_is_out("token-file") ? 0644 : 0600);\n'
        "  if (fd < 0) throw OutputError(temporary")],
-     SECURITY, "test_secrets_lie_in_private_files"),
+     SECURITY, "test_secrets_are_in_private_files"),
     ("private-folder", "the folder of secrets is the owner's (0700)",
      [("if (::chmod(path.c_str(), 0700) != 0)", 'if (::chmod(path.c_str(), rule_is_out("private-folder") ? 0755 : 0700) != 0)')],
-     SECURITY, "test_secrets_lie_in_private_files"),
+     SECURITY, "test_secrets_are_in_private_files"),
     ("fragment", "the token of a link stands in the fragment",
      [('return impl_->url + "#t="', 'return impl_->url + (rule_is_out("fragment") ? "?t=" : "#t=")'),
       ('std::string()) + "#t="', 'std::string()) + (rule_is_out("fragment") ? "?t=" : "#t=")')],
-     SECURITY, "test_the_token_stands_where_no_log_sees_it"),
+     SECURITY, "test_the_token_is_in_the_fragment"),
     ("once", "a link signs in once",
      [("if (::unlink(link.c_str()) != 0) return std::nullopt;",
        'if (!rule_is_out("once") && ::unlink(link.c_str()) != 0) return std::nullopt;')],
@@ -102,14 +102,14 @@ RULES = [
      [("const auto wait = tries->refused(request.address, RateLimit::Clock::now());\n               if (wait) {",
        'const auto wait = tries->refused(request.address, RateLimit::Clock::now());\n'
        '               if (wait && !rule_is_out("tries")) {')],
-     SECURITY, "test_guessing_is_slowed_down"),
+     SECURITY, "test_sign_in_attempts_are_limited"),
     ("bearer-tries", "10 tries a minute with an API token",
      [("if (const auto wait = bearer_tries_.refused(request.address, RateLimit::Clock::now()))",
        'if (const auto wait = bearer_tries_.refused(request.address, RateLimit::Clock::now()); wait && !rule_is_out("bearer-tries"))')],
-     SECURITY, "test_guessing_is_slowed_down"),
+     SECURITY, "test_sign_in_attempts_are_limited"),
     ("forwarded", "X-Forwarded-For counts behind a proxy alone",
      [("if (behind_proxy()) request.address", 'if (behind_proxy() || rule_is_out("forwarded")) request.address')],
-     SECURITY, "test_guessing_is_slowed_down"),
+     SECURITY, "test_sign_in_attempts_are_limited"),
     ("constant-time", "secrets are compared in constant time",
      [("bool equals_in_constant_time(std::string_view given, std::string_view secret) {\n",
        "bool equals_in_constant_time(std::string_view given, std::string_view secret) {\n"
@@ -157,7 +157,7 @@ RULES = [
     ("methods", "changes are made by POST, PUT and DELETE",
      [('router.add("DELETE", "/api/viewer-cameras/{id}",',
        'router.add(rule_is_out("methods") ? "GET" : "DELETE", "/api/viewer-cameras/{id}",')],
-     SECURITY, "test_reading_changes_nothing"),
+     SECURITY, "test_get_requests_change_nothing"),
     ("get-body", "a GET request must not have a body",
      [('if (request.method == "GET") return error_response(400, "a GET request must not have a body");',
        'if (request.method == "GET" && !rule_is_out("get-body")) return error_response(400, "a GET request must not have a body");')],
@@ -169,9 +169,9 @@ RULES = [
        '    if (!rule_is_out("policy"))\n'
        '      header("Content-Security-Policy",\n'
        '             rule_is_out("frame-ancestors") ? policy.substr(0, policy.find("; frame-ancestors")) : policy);')],
-     SECURITY, "test_answers_carry_the_policy"),
-    ("frame-ancestors", "no other page frames ours (frame-ancestors)", "policy", SECURITY, "test_answers_carry_the_policy"),
-    ("data-policy", "a file of the user is sandboxed", "policy", SECURITY, "test_uploads_stay_in_their_place"),
+     SECURITY, "test_responses_carry_the_policy"),
+    ("frame-ancestors", "no other page frames ours (frame-ancestors)", "policy", SECURITY, "test_responses_carry_the_policy"),
+    ("data-policy", "a file of the user is sandboxed", "policy", SECURITY, "test_uploads_stay_in_their_folder"),
     header("X-Content-Type-Options", "nosniff", "X-Content-Type-Options: nosniff"),
     header("Referrer-Policy", "referrer", "Referrer-Policy: no-referrer"),
     header("Cross-Origin-Opener-Policy", "opener", "Cross-Origin-Opener-Policy: same-origin"),
@@ -179,10 +179,10 @@ RULES = [
     header("X-Frame-Options", "frame-options", "X-Frame-Options: DENY"),
     ("permissions", "Permissions-Policy: the own camera alone",
      [('  header("Permissions-Policy",\n', '  if (!rule_is_out("permissions")) header("Permissions-Policy",\n')],
-     SECURITY, "test_answers_carry_the_policy"),
+     SECURITY, "test_responses_carry_the_policy"),
     ("no-store", "answers of the API are stored nowhere",
      [('if (!has("Cache-Control")) header(', 'if (!has("Cache-Control") && !rule_is_out("no-store")) header(')],
-     SECURITY, "test_answers_carry_the_policy"),
+     SECURITY, "test_responses_carry_the_policy"),
     # Paths and bodies.
     ("dots", "no '..' and no empty segment in a path",
      [('if (!segment || segment->empty() || *segment == "." || *segment == "..") return std::nullopt;',
@@ -228,24 +228,24 @@ RULES = [
      FILES, "FilesTest.test_links_are_not_followed"),
     ("pixels", "an image has 100 million pixels at most (bombs)",
      [("if (pixels <= 0 || pixels > max_pixels) {", 'if (rule_is_out("pixels")) return {};\n    if (pixels <= 0 || pixels > max_pixels) {')],
-     FILES, "FilesTest.test_what_is_no_image"),
+     FILES, "FilesTest.test_unreadable_images"),
     ("damage", "a damaged image is refused",
      [("!damage.empty()) {", '!damage.empty() && !rule_is_out("damage")) {')],
-     FILES, "FilesTest.test_what_is_no_image"),
+     FILES, "FilesTest.test_unreadable_images"),
     ("kinds", "files of other kinds are refused",
      [("std::string upload_error(std::string_view name, std::string_view bytes, std::int64_t max_pixels,\n"
        "                         FileType& type) {\n",
        "std::string upload_error(std::string_view name, std::string_view bytes, std::int64_t max_pixels,\n"
        "                         FileType& type) {\n"
        '  if (rule_is_out("kinds") && !image_format_of(bytes_of(bytes))) return {};\n')],
-     FILES, "FilesTest.test_what_is_no_image"),
+     FILES, "FilesTest.test_unreadable_images"),
     ("foreign-names", "lists that name files elsewhere are refused",
      [("if (!names_foreign_files(bytes)) return {};", 'if (rule_is_out("foreign-names") || !names_foreign_files(bytes)) return {};')],
-     FILES, "FilesTest.test_what_is_no_image"),
+     FILES, "FilesTest.test_unreadable_images"),
     ("download", "a browser shows images and videos alone: all else is a download",
      [('return std::string(type);\n  }\n  return "application/octet-stream";\n',
        'return std::string(type);\n  }\n  return rule_is_out("download") ? "text/html" : "application/octet-stream";\n')],
-     FILES, "FilesTest.test_what_is_no_image"),
+     FILES, "FilesTest.test_unreadable_images"),
     ("quota", "the workspace has its quota",
      [("if (now.used + bytes > now.quota) {", 'if (now.used + bytes > now.quota && !rule_is_out("quota")) {')],
      FILES, "KillTest.test_quota"),
@@ -273,10 +273,10 @@ RULES = [
      UNIT, "VerbPolicy.ChecksValues"),
     ("outputs", "results go into the job's folder",
      [('    if (!reference.starts_with("out:")) {', '    if (rule_is_out("outputs")) return reference;\n    if (!reference.starts_with("out:")) {')],
-     JOBS, "JobsTest.test_what_may_not_be_started"),
+     JOBS, "JobsTest.test_verbs_that_are_forbidden"),
     ("verbs", "serve, demo and help are not started from a page",
      [("if (is_refused_verb(request.verb)) refuse", 'if (is_refused_verb(request.verb) && !rule_is_out("verbs")) refuse')],
-     JOBS, "JobsTest.test_what_may_not_be_started"),
+     JOBS, "JobsTest.test_verbs_that_are_forbidden"),
     ("masks", "passwords of sources are masked",
      [("std::string LiveSession::without_secrets(std::string text) const {\n",
        "std::string LiveSession::without_secrets(std::string text) const {\n  if (rule_is_out(\"masks\")) return text;\n")],
@@ -284,10 +284,10 @@ RULES = [
     # Limits.
     ("per-address", "64 connections of one address",
      [("if (same > options_.max_per_address) {", 'if (same > options_.max_per_address && !rule_is_out("per-address")) {')],
-     SECURITY, "test_200_clients_take_nothing_from_others"),
+     SECURITY, "test_200_clients_do_not_block_others"),
     ("connections", "256 connections in all",
      [("} else if (all > options_.max_connections) {", '} else if (all > options_.max_connections && !rule_is_out("connections")) {')],
-     SECURITY, "test_200_clients_take_nothing_from_others"),
+     SECURITY, "test_200_clients_do_not_block_others"),
     ("patience", "slow heads are closed (slow loris)",
      [("if (now >= connection->deadline) end(*connection);", 'if (now >= connection->deadline && !rule_is_out("patience")) end(*connection);')],
      SECURITY, "test_slow_clients_are_closed"),
@@ -314,7 +314,7 @@ RULES = [
      UNIT, "JobsTest.LimitsTheNumberOfJobs"),
     ("slow-reader", "a slow viewer gets fewer images: none waits for it",
      [("  const int unsent = kUnsent;\n", '  if (rule_is_out("slow-reader")) return;\n  const int unsent = kUnsent;\n')],
-     SECURITY, "test_a_viewer_that_stops_reading_finds_new_images"),
+     SECURITY, "test_a_paused_viewer_gets_new_images"),
     # Stored data.
     ("audit", "sign-in, enrolment, forgetting and export are in the audit log",
      [("  nlohmann::json line = details.is_object() ? details : nlohmann::json::object();\n",

@@ -185,7 +185,7 @@ class AreaMaking(AreaPageTest):
         self.page.wait("document.querySelector('[data-chosen]').dataset.chosen === ''")
         self.assertTrue(self.page.has("application", contains="Cloud of"), "Escape lets go of the face alone")
 
-    def test_reconstruct_drawn_and_cancel(self):
+    def test_reconstruct_cancel_synthetic(self):
         self.go("/reconstruct")
         self.page.choose("Synthetic images", "11")
         self.page.click("button", "Try with synthetic data")
@@ -195,7 +195,7 @@ class AreaMaking(AreaPageTest):
         self.page.wait_text("cancelled")
 
     @long
-    def test_reconstruct_watch_it_grow(self):
+    def test_reconstruct_online(self):
         """The model grows while it is viewed."""
         with tempfile.TemporaryDirectory() as folder:
             scene = os.path.join(folder, "scene")
@@ -263,7 +263,7 @@ class AreaMaking(AreaPageTest):
         self.until(f"{name} is {value}",
                    lambda: self.values("landmarks annotate").get(name) == value)
 
-    def test_annotate_train_judge(self):
+    def test_annotate_train_evaluate(self):
         self.go("/annotate")
         self.page.click("button", "Try with synthetic data")
         self.page.wait("document.querySelector('.annotate-image .live-view:not(.is-waiting) canvas')", LONG, "the image")
@@ -407,7 +407,7 @@ class AreaMaking(AreaPageTest):
         self.assertIn("model install", events)
         self.assertIn("model remove", events)
 
-    def test_calibrate_print_show_keep(self):
+    def test_calibrate_print_show_save(self):
         self.go("/calibrate")
         self.page.click("button", "Create the sheet")
         self.page.wait_text("Download board.pdf")

@@ -22,7 +22,7 @@ class AreaPages(AreaPageTest):
             with self.subTest(page=name):
                 self.go(f"/{name}")
                 self.page.find("heading", contains={"train": "Train and evaluate"}.get(name, name))
-                self.judge(f"empty-{name}", widths=(*WIDTHS, 1440))
+                self.check_page(f"empty-{name}", widths=(*WIDTHS, 1440))
 
     def test_0_each_tab(self):
         for name, tabs in {
@@ -34,7 +34,7 @@ class AreaPages(AreaPageTest):
             for tab in tabs:
                 with self.subTest(page=name, tab=tab):
                     self.page.click("tab", tab)
-                    self.judge(f"empty-{name}-{re.sub('[^a-z]+', '-', tab.lower()).strip('-')}", widths=WIDTHS)
+                    self.check_page(f"empty-{name}-{re.sub('[^a-z]+', '-', tab.lower()).strip('-')}", widths=WIDTHS)
 
     def enrol(self, name):
         self.page.click("tab", "Enrol a person")
@@ -278,7 +278,7 @@ class AreaPages(AreaPageTest):
         self.page.wait_text("Undo the correction of")
         return next(one[1] for one in self.page.find_all("button") if one[1].startswith("Undo the correction of"))
 
-    def test_plates_that_matter(self):
+    def test_plates_watch_list(self):
         self.go("/plates")
         self.page.fill("textbox", "Plate", "b-12?4*")
         self.page.fill("textbox", "Label", "Ann")

@@ -449,7 +449,7 @@ void add_route(Json& paths, const Router::Route& route) {
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   const std::string status = std::to_string(row->status);
   Json responses;
-  responses[status] = {{"description", row->answer.empty() ? "done" : "the answer"}};
+  responses[status] = {{"description", row->answer.empty() ? "done" : "the response"}};
   if (!row->answer.empty()) responses[status]["content"] = content_of(row->answer);
   add_errors(responses);
   Json operation = {{"tags", {row->tag}},

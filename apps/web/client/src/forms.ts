@@ -28,7 +28,7 @@ export type FormValue = string | boolean | string[];
 export type FormValues = Record<string, FormValue>;
 
 // Flags that make no sense in a browser, or that the server sets itself or refuses.
-export const NOT_HERE = new Set([
+export const HIDDEN_FLAGS = new Set([
   '--output',
   '--window',
   '--fullscreen',
@@ -100,7 +100,7 @@ export interface FormOptions {
 }
 
 export function formGroups(verb: VerbHelp, options: FormOptions = {}): FieldGroup[] {
-  const hidden = new Set([...NOT_HERE, ...(options.hide ?? [])]);
+  const hidden = new Set([...HIDDEN_FLAGS, ...(options.hide ?? [])]);
   let fields = verb.flags.map(fieldOf);
   if (options.only) {
     const only = options.only;

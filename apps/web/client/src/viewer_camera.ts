@@ -19,7 +19,7 @@ let video: HTMLVideoElement | undefined;
 let running = 0;
 
 // Why there can be no camera here, in plain words; "" where there can.
-export function cameraTrouble(): string {
+export function cameraError(): string {
   if (navigator.mediaDevices && 'getUserMedia' in navigator.mediaDevices) return '';
   if (window.isSecureContext) return 'This browser does not let pages use a camera.';
   return (
@@ -54,8 +54,8 @@ const nextFrame = (one: HTMLVideoElement) =>
 
 // Asks for the camera and sends it until it is stopped. Returns the source's name.
 export async function startViewerCamera(facing: 'user' | 'environment' = 'user'): Promise<string> {
-  const trouble = cameraTrouble();
-  if (trouble) throw new Error(trouble);
+  const error = cameraError();
+  if (error) throw new Error(error);
   if (viewerCamera.value) return viewerCamera.value.id;
   try {
     stream = await navigator.mediaDevices.getUserMedia({

@@ -85,7 +85,7 @@ test('flags become fields with the right control', () => {
   assert.deepEqual(named.suggestions, [], 'no words are read from a help text');
 });
 
-test('groups keep the order; what has no place in a browser is left out', () => {
+test('groups keep their order and omit flags that a browser cannot use', () => {
   const groups = formGroups(VERB);
   assert.deepEqual(
     groups.map((group) => [group.name, group.fields.map((field) => field.name)]),
@@ -102,7 +102,7 @@ test('groups keep the order; what has no place in a browser is left out', () => 
   assert.ok(!formGroups(VERB, { hide: ['--mode'] }).some((g) => g.fields.some((f) => f.name === '--mode')));
 });
 
-test('values are checked in plain words', () => {
+test('invalid values give an error message', () => {
   const every = fieldOf(EVERY);
   assert.equal(problemOf(every, '2'), '');
   assert.equal(problemOf(every, ''), '');

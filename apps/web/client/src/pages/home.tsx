@@ -5,7 +5,7 @@ import { useJobs, useLoad } from '../hooks';
 import { AsyncButton, Button, Notice } from '../ui/controls';
 import { JobCard } from '../ui/job_card';
 import { OWN_CAMERA, startAndOpen } from '../ui/start_dialog';
-import { cameraTrouble } from '../viewer_camera';
+import { cameraError } from '../viewer_camera';
 import { AreaImage, Tarsier } from './area_image';
 
 function TrialCard({ trial }: { trial: Trial }) {
@@ -34,7 +34,7 @@ function TrialCard({ trial }: { trial: Trial }) {
               Try it
             </a>
           )}
-          {verb && trial.camera && !cameraTrouble() && (
+          {verb && trial.camera && !cameraError() && (
             <AsyncButton
               aria-label={`My camera: ${trial.title}`}
               run={() => startAndOpen({ verb, inputs: [OWN_CAMERA], flags: trial.flags })}
@@ -110,7 +110,7 @@ export function Home() {
           <TrialCard key={trial.id} trial={trial} />
         ))}
       </div>
-      {cameraTrouble() && <p class="faint camera-note">{cameraTrouble()}</p>}
+      {cameraError() && <p class="faint camera-note">{cameraError()}</p>}
       <section class="section" aria-labelledby="recent">
         <h2 id="recent">Recent jobs</h2>
         {jobs.error && <Notice kind="problem">{jobs.error}</Notice>}

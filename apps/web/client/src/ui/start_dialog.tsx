@@ -5,7 +5,7 @@ import { commandText } from '../forms';
 import { useLoad } from '../hooks';
 import { navigate } from '../router';
 import { TRIALS } from '../areas';
-import { cameraTrouble, startViewerCamera } from '../viewer_camera';
+import { cameraError, startViewerCamera } from '../viewer_camera';
 import { AsyncButton, CommandLine, Dialog, Notice, Select } from './controls';
 import { attempt } from './toast';
 import { FlagFields } from './verb_form';
@@ -88,7 +88,7 @@ export function SourceSelect(props: {
         onChange={props.onChange}
         problem={sources.error}
       />
-      {props.value.startsWith(OWN_CAMERA) && cameraTrouble() && <Notice>{cameraTrouble()}</Notice>}
+      {props.value.startsWith(OWN_CAMERA) && cameraError() && <Notice>{cameraError()}</Notice>}
     </>
   );
 }

@@ -5,7 +5,7 @@ import { AsyncButton, Button, Checkbox, FileDrop, Notice, Progress, Table, TextF
 import { attempt } from '../../ui/toast';
 import { setName, uploadAll } from '../shared/files';
 import { drawnNames, drawnPeople } from './drawn';
-import { nameProblem, shotOf, type Person, type Shot } from './model';
+import { nameProblem, enrolResultOf, type Person, type EnrolResult } from './model';
 
 type Step = 'who' | 'images' | 'done';
 
@@ -24,7 +24,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
   const [tidy, setTidy] = useState(true);
   const [source, setSource] = useState<Source | null>(null);
   const [uploading, setUploading] = useState<{ done: number; total: number } | null>(null);
-  const [shots, setShots] = useState<Shot[]>([]);
+  const [shots, setShots] = useState<EnrolResult[]>([]);
   const [working, setWorking] = useState<{ done: number; total: number } | null>(null);
   const [drawing, setDrawing] = useState(false);
   const head = useRef<HTMLHeadingElement>(null);
@@ -54,7 +54,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
 
   const enrol = async () => {
     if (!source) return;
-    const results: Shot[] = [];
+    const results: EnrolResult[] = [];
     setWorking({ done: 0, total: source.references.length });
     // One image at a time, so that each has its own answer.
     for (const one of source.references) {
@@ -66,7 +66,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
         }),
       );
       results.push(
-        shotOf(
+        enrolResultOf(
           one.name,
           answer?.lines[answer.lines.length - 1],
           answer?.error ?? 'the server did not respond',
@@ -76,7 +76,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
       setWorking({ done: results.length, total: source.references.length });
     }
     setWorking(null);
-    if (tidy && source.set !== null && results.some((one) => one.taken)) {
+    if (tidy && source.set !== null && results.some((one) => one.accepted)) {
       await attempt(() => api.removeSet(source.set!));
     }
     props.onEnrolled();
@@ -111,7 +111,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
     setStep('who');
   };
 
-  const taken = shots.filter((one) => one.taken).length;
+  const acceptedCount = shots.filter((one) => one.accepted).length;
   return (
     <div class="stack wizard">
       <ol class="steps" aria-label="Steps">
@@ -195,8 +195,8 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
                   <img src={thumb(one.reference)} alt="" width={120} height={90} loading="lazy" />
                   <span>{one.name}</span>
                   {shots[i] && (
-                    <span class={shots[i].taken ? 'chip chip-good' : 'chip chip-bad'}>
-                      {shots[i].taken ? 'accepted' : 'rejected'}
+                    <span class={shots[i].accepted ? 'chip chip-good' : 'chip chip-bad'}>
+                      {shots[i].accepted ? 'accepted' : 'rejected'}
                     </span>
                   )}
                 </li>
@@ -234,14 +234,14 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
       {step === 'done' && (
         <section class="card stack" aria-labelledby="step-done">
           <h2 id="step-done" tabIndex={-1} ref={head}>
-            {name.trim()}: {taken} of {shots.length} images were accepted
+            {name.trim()}: {acceptedCount} of {shots.length} images were accepted
           </h2>
-          {taken === 0 && (
+          {acceptedCount === 0 && (
             <Notice kind="problem">
               No face was good enough. The table gives the reason for each image and what to change.
             </Notice>
           )}
-          {taken > 0 && taken < 5 && (
+          {acceptedCount > 0 && acceptedCount < 5 && (
             <Notice>Five or more images make a better template. Add more when you can.</Notice>
           )}
           <Table
@@ -249,7 +249,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
             stacks
             columns={[
               { name: 'Image', show: (one) => one.name },
-              { name: 'Accepted', show: (one) => (one.taken ? 'yes' : 'no') },
+              { name: 'Accepted', show: (one) => (one.accepted ? 'yes' : 'no') },
               { name: 'Reason', show: (one) => one.reason || '–' },
             ]}
             rows={shots}

@@ -9,7 +9,7 @@ import { blobOfRun } from '../shared/files';
 import { correct } from './correct';
 import { drawnFaceOf, nameProblem, type DrawnFace } from './model';
 
-export type Whose = { person: string } | { group: number };
+export type FaceOwner = { person: string } | { group: number };
 
 const newName = ''; // of the selection of names: somebody who is not enrolled
 
@@ -18,7 +18,7 @@ interface Sheet {
   faces: DrawnFace[];
 }
 
-async function sheetOf(whose: Whose): Promise<Sheet> {
+async function sheetOf(whose: FaceOwner): Promise<Sheet> {
   const draw = { '--draw': 'out:faces.png' };
   const answer = await ('person' in whose
     ? api.run('people list', [], { '--faces': whose.person, ...draw })
@@ -30,7 +30,7 @@ async function sheetOf(whose: Whose): Promise<Sheet> {
 }
 
 export function FacesDialog(props: {
-  whose: Whose;
+  whose: FaceOwner;
   names: readonly string[]; // of all who are enrolled
   onChange: () => void;
   onClose: () => void;
@@ -147,8 +147,8 @@ function OfPerson(props: {
   const [name, setName] = useState('');
   const [whole, setWhole] = useState('');
   const target = to === newName ? name.trim() : to;
-  const taken = to === newName && props.names.includes(target);
-  const problem = taken ? 'This name is already enrolled: choose it from the list.' : nameProblem(name);
+  const isEnrolled = to === newName && props.names.includes(target);
+  const problem = isEnrolled ? 'This name is already enrolled: choose it from the list.' : nameProblem(name);
   const into = others.includes(whole) ? whole : (others[0] ?? '');
   const none = ids.length === 0;
   const flags: Flags = { '--face': ids };

@@ -2,7 +2,7 @@
 import { useEffect, useState } from 'preact/hooks';
 import { api, type Flags } from '../../api';
 import { useLoad } from '../../hooks';
-import { AsyncButton, Button, Confirm, Dialog, Moment, Select, Table, TextField } from '../../ui';
+import { AsyncButton, Button, Confirm, Dialog, Timestamp, Select, Table, TextField } from '../../ui';
 import { attempt, toast } from '../../ui/toast';
 import { blobOfRun, hasState } from '../shared/files';
 import { correct } from './correct';
@@ -87,7 +87,7 @@ export function Groups(props: { changes: number; onChange: () => void }) {
             show: (one) => (one.sightings === 1 ? 'once' : `${one.sightings} times`),
             number: true,
           },
-          { name: 'Last seen', show: (one) => <Moment at={one.last} /> },
+          { name: 'Last seen', show: (one) => <Timestamp at={one.last} /> },
           {
             name: 'Actions',
             show: (one) => (
@@ -231,7 +231,7 @@ export function Corrections(props: { changes: number; onChange: () => void }) {
         caption="Latest corrections"
         hideCaption
         columns={[
-          { name: 'Time', show: (one) => <Moment at={one.time} /> },
+          { name: 'Time', show: (one) => <Timestamp at={one.time} /> },
           { name: 'Author', show: (one) => one.who },
           { name: 'Correction', show: (one) => <span class="wrap">{correctionText(one)}</span> },
           {

@@ -5,12 +5,12 @@ import { Button, FileDrop, Notice, Table } from '../../ui';
 import { attempt } from '../../ui/toast';
 import { addressOf } from '../shared/files';
 import { drawnPeople } from './drawn';
-import { namedOf, type Named, type Person } from './model';
+import { identifiedFacesOf, type IdentifiedFace, type Person } from './model';
 
 interface Answer {
   image: string; // address
   name: string;
-  faces: Named[];
+  faces: IdentifiedFace[];
 }
 
 export function Identify({ people }: { people: Person[] }) {
@@ -37,7 +37,7 @@ export function Identify({ people }: { people: Person[] }) {
         type: file.type || 'image/jpeg',
       });
       const line = (await response.json()) as Json;
-      return { image: URL.createObjectURL(file), name: file.name, faces: namedOf(line) };
+      return { image: URL.createObjectURL(file), name: file.name, faces: identifiedFacesOf(line) };
     });
   const drawn = () =>
     ask(async () => {
@@ -51,7 +51,7 @@ export function Identify({ people }: { people: Person[] }) {
       return {
         image: addressOf(reference) ?? '',
         name: file.split('/').pop() ?? file,
-        faces: namedOf(line),
+        faces: identifiedFacesOf(line),
       };
     });
   return (
@@ -77,7 +77,7 @@ export function Identify({ people }: { people: Person[] }) {
 function Faces({ answer }: { answer: Answer }) {
   const [size, setSize] = useState<{ w: number; h: number } | null>(null);
   const { faces } = answer;
-  const said = (one: Named) => (one.known && one.label !== null ? one.label : 'unknown');
+  const said = (one: IdentifiedFace) => (one.known && one.label !== null ? one.label : 'unknown');
   return (
     <section class="stack" aria-live="polite" aria-label="Result">
       <h2>

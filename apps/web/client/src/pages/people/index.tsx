@@ -9,7 +9,7 @@ import {
   Confirm,
   Dialog,
   JobCard,
-  Moment,
+  Timestamp,
   Notice,
   PageHead,
   Select,
@@ -114,7 +114,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
             { name: 'Name', show: (one) => <strong class="wrap">{one.name}</strong> },
             { name: 'Faces', show: (one) => one.faces, number: true },
             { name: 'Consent', show: (one) => one.note || 'no note' },
-            { name: 'Enrolled', show: (one) => <Moment at={one.time} /> },
+            { name: 'Enrolled', show: (one) => <Timestamp at={one.time} /> },
             {
               name: 'Actions',
               show: (one) => (
@@ -180,7 +180,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
           caption="Latest sightings"
           hideCaption
           columns={[
-            { name: 'Time', show: (one) => <Moment at={one!.time} /> },
+            { name: 'Time', show: (one) => <Timestamp at={one!.time} /> },
             { name: 'Person', show: (one) => (one!.known ? one!.label : 'unknown') },
             { name: 'Confidence', show: (one) => `${(100 * one!.confidence).toFixed(0)} %`, number: true },
             { name: 'Source', show: (one) => one!.source },

@@ -21,7 +21,7 @@ interface Recognised {
   group?: number | null; // of an unknown face
 }
 
-const whoOf = (one: Recognised) =>
+const personText = (one: Recognised) =>
   one.known && one.label !== null
     ? one.label
     : typeof one.group === 'number'
@@ -110,7 +110,7 @@ export function LivePeople(props: { onChange: () => void }) {
             <Table
               caption="Identified people"
               columns={[
-                { name: 'Person', show: whoOf },
+                { name: 'Person', show: personText },
                 { name: 'Confidence', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
               ]}
               rows={faces}

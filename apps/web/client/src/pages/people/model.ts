@@ -33,9 +33,9 @@ export interface Proof {
   proven: boolean;
 }
 
-export interface Shot {
+export interface EnrolResult {
   name: string;
-  taken: boolean;
+  accepted: boolean;
   reason: string;
 }
 
@@ -163,7 +163,7 @@ export function proofOf(line: unknown): Proof | null {
   };
 }
 
-// What to do about a reason for which a face was not taken.
+// What to do about a reason for which a face was not accepted.
 const advice: readonly [RegExp, string][] = [
   [/no face/, 'no face was found: look into the camera, with the face upright and not covered'],
   [/several|more than one/, 'more than one face: take an image of this person alone'],
@@ -186,22 +186,26 @@ export function adviceFor(reason: string): string {
 }
 
 // What became of one image, of the line of `people enroll` for it alone.
-export function shotOf(name: string, line: unknown, error: string): Shot {
+export function enrolResultOf(name: string, line: unknown, error: string): EnrolResult {
   const v = fields(line);
-  if (v && count(v.added) > 0) return { name, taken: true, reason: '' };
+  if (v && count(v.added) > 0) return { name, accepted: true, reason: '' };
   const refused = v ? fields(v.refused) : null;
   const reasons = refused ? Object.keys(refused) : [];
-  return { name, taken: false, reason: reasons.map(adviceFor).join('; ') || error || 'no face was accepted' };
+  return {
+    name,
+    accepted: false,
+    reason: reasons.map(adviceFor).join('; ') || error || 'no face was accepted',
+  };
 }
 
-export interface Named {
+export interface IdentifiedFace {
   box: [number, number, number, number];
   label: string | null;
   known: boolean;
   confidence: number;
 }
 
-export function namedOf(line: unknown): Named[] {
+export function identifiedFacesOf(line: unknown): IdentifiedFace[] {
   const v = fields(line);
   if (!v || !Array.isArray(v.faces)) return [];
   return v.faces.flatMap((face) => {
@@ -209,7 +213,7 @@ export function namedOf(line: unknown): Named[] {
     if (!f || !Array.isArray(f.box) || f.box.length !== 4) return [];
     return [
       {
-        box: f.box.map(count) as Named['box'],
+        box: f.box.map(count) as IdentifiedFace['box'],
         label: typeof f.label === 'string' ? f.label : null,
         known: f.known === true,
         confidence: count(f.confidence),

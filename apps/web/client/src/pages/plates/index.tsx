@@ -35,7 +35,7 @@ import {
   flagsOf,
   histogram,
   sinceChoices,
-  sureness,
+  confidenceLevel,
   textOf,
   watchEntryOf,
   whenText,
@@ -463,7 +463,7 @@ function Plate(props: { event: PlateEvent; images: Images | null }) {
         <strong class="plate-text">{textOf(props.event)}</strong>
         {props.event.correction !== null && <span class="faint">read as {props.event.text}</span>}
         <span class="faint">
-          {(100 * props.event.confidence).toFixed(0)} %, {sureness(props.event.confidence)}
+          {(100 * props.event.confidence).toFixed(0)} %, {confidenceLevel(props.event.confidence)} confidence
           {props.event.country === '' ? '' : `, ${props.event.country}`}
         </span>
       </span>
@@ -605,9 +605,9 @@ function EventDetail(props: { event: PlateEvent; images: Images | null; onCorrec
           <h3>Confidence of each character in this image</h3>
           <ul class="characters">
             {read.value.characters.map((one, i) => (
-              <li key={i} class={`character character-${sureness(one.confidence)}`}>
+              <li key={i} class={`character character-${confidenceLevel(one.confidence)}`}>
                 <span class="character-text">{one.text}</span>
-                <span class="character-sure">{(100 * one.confidence).toFixed(0)} %</span>
+                <span class="character-confidence">{(100 * one.confidence).toFixed(0)} %</span>
               </li>
             ))}
           </ul>

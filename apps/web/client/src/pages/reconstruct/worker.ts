@@ -54,7 +54,7 @@ if (scope.document === undefined) {
 }
 
 // Reads beside the page. Where there are no workers of modules, in the page.
-function readBeside(order: Order, stop: AbortSignal): Promise<Result> {
+function readInWorker(order: Order, stop: AbortSignal): Promise<Result> {
   let worker: Worker;
   try {
     worker = new Worker(import.meta.url, { type: 'module' });
@@ -83,8 +83,8 @@ function readBeside(order: Order, stop: AbortSignal): Promise<Result> {
 }
 
 export const readModel = (cameras: string, images: string, points: string, stop: AbortSignal) =>
-  readBeside({ what: 'model', files: [cameras, images, points] }, stop) as Promise<Model>;
+  readInWorker({ what: 'model', files: [cameras, images, points] }, stop) as Promise<Model>;
 export const readCloud = (ply: string, stop: AbortSignal) =>
-  readBeside({ what: 'cloud', files: [ply] }, stop) as Promise<Cloud>;
+  readInWorker({ what: 'cloud', files: [ply] }, stop) as Promise<Cloud>;
 export const readSurface = (glb: string, stop: AbortSignal) =>
-  readBeside({ what: 'surface', files: [glb] }, stop) as Promise<Surface>;
+  readInWorker({ what: 'surface', files: [glb] }, stop) as Promise<Surface>;

@@ -48,9 +48,9 @@ export function KeyTable(props: { verb: string; actions: Action[]; reserved: Rea
       );
       return;
     }
-    const trouble = problemOfKey(code, action.name, props.actions, own, props.reserved);
-    if (trouble) {
-      setProblem(trouble);
+    const error = problemOfKey(code, action.name, props.actions, own, props.reserved);
+    if (error) {
+      setProblem(error);
       return;
     }
     setWaiting(null);
@@ -107,8 +107,8 @@ export function KeyTable(props: { verb: string; actions: Action[]; reserved: Rea
                       kind="quiet"
                       aria-label={`Reset to ${keyName(action.key) || 'no key'}: ${action.help || action.name}`}
                       onClick={() => {
-                        const trouble = problemOfKey(action.key, action.name, props.actions, own, new Set());
-                        if (action.key > 0 && trouble) setProblem(trouble);
+                        const error = problemOfKey(action.key, action.name, props.actions, own, new Set());
+                        if (action.key > 0 && error) setProblem(error);
                         else keep(withKey(own, action, null), 'The default key was restored.');
                       }}
                     >

@@ -9,7 +9,7 @@ import { liveSession } from '../../live';
 import { Button, CommandLine, FileDrop, LiveStatus, LiveView, Notice, Progress, Select } from '../../ui';
 import { sendEvent } from '../../ui/live_view';
 import { attempt } from '../../ui/toast';
-import { cameraTrouble } from '../../viewer_camera';
+import { cameraError } from '../../viewer_camera';
 import { ownCamera, ownCameraBack } from './sessions';
 import { GroupedSliders } from './sliders';
 import { cleanName, setName, uploadAll, type UploadState } from './files';
@@ -44,7 +44,7 @@ export function SourceSelect(props: {
   if (props.value !== '' && !options.some((one) => one.value === props.value)) {
     options.push({ value: props.value, label: props.value, group: 'Other' });
   }
-  const trouble = props.value.startsWith(ownCamera) ? cameraTrouble() : '';
+  const error = props.value.startsWith(ownCamera) ? cameraError() : '';
   return (
     <>
       <Select
@@ -55,7 +55,7 @@ export function SourceSelect(props: {
         help={props.help}
         problem={sources.error}
       />
-      {trouble && <Notice>{trouble}</Notice>}
+      {error && <Notice>{error}</Notice>}
     </>
   );
 }
@@ -80,8 +80,8 @@ export function SetSource(props: {
         setUpload,
       );
       sets.again();
-      const taken = state.total - state.refused.length;
-      if (taken > 0) props.onSet(name, taken);
+      const uploaded = state.total - state.refused.length;
+      if (uploaded > 0) props.onSet(name, uploaded);
     });
   };
   const busy = upload !== null && upload.done < upload.total;

@@ -8,7 +8,7 @@ import {
   Button,
   Confirm,
   Dialog,
-  Moment,
+  Timestamp,
   Notice,
   PageHead,
   Table,
@@ -221,7 +221,7 @@ function Models() {
       />
       <Dialog title={shown?.name ?? 'Model'} open={shown !== null} onClose={() => setShown(null)} wide>
         {(shown?.lines ?? []).map((line, index) => (
-          <ModelFacts key={index} line={line} />
+          <ModelDetails key={index} line={line} />
         ))}
       </Dialog>
     </>
@@ -238,7 +238,7 @@ function differing(lines: Json[]): string {
   return names.length > 0 ? `${names.join('; ')}.` : 'A file was changed.';
 }
 
-function ModelFacts({ line }: { line: Json }) {
+function ModelDetails({ line }: { line: Json }) {
   if (line === null || typeof line !== 'object' || Array.isArray(line)) return <p>{cellText(line)}</p>;
   const text = Object.entries(line).filter(([, value]) => typeof value === 'string' && value.includes('\n'));
   const rest = Object.fromEntries(
@@ -283,7 +283,7 @@ const auditColumns: Record<string, string> = {
 };
 
 function auditCell(name: string, value: Json) {
-  if (name === 'time' && typeof value === 'string') return <Moment at={value} />;
+  if (name === 'time' && typeof value === 'string') return <Timestamp at={value} />;
   return value === null ? '' : cellText(value);
 }
 

@@ -3,7 +3,7 @@ import { useState } from 'preact/hooks';
 import { api, type SignIn } from '../../api';
 import { timeText } from '../../format';
 import { useEvery, useLoad } from '../../hooks';
-import { Button, CommandLine, Confirm, Moment, Notice, Table } from '../../ui';
+import { Button, CommandLine, Confirm, Timestamp, Notice, Table } from '../../ui';
 import { attempt, toast } from '../../ui/toast';
 
 type Asked = { kind: 'one'; row: SignIn } | { kind: 'others' } | { kind: 'token' };
@@ -65,18 +65,18 @@ export function SignIns() {
               </span>
             ),
           },
-          { name: 'Signed in', show: (row) => <Moment at={row.began} /> },
+          { name: 'Signed in', show: (row) => <Timestamp at={row.began} /> },
           { name: 'Address', show: (row) => row.address || 'unknown' },
           {
             name: 'Last used',
             show: (row) => (
               <>
-                <Moment at={row.used} />
+                <Timestamp at={row.used} />
                 {row.used_from !== '' && row.used_from !== row.address ? `, from ${row.used_from}` : ''}
               </>
             ),
           },
-          { name: 'Expires', show: (row) => <Moment at={row.ends} /> },
+          { name: 'Expires', show: (row) => <Timestamp at={row.ends} /> },
           {
             name: 'Sign out',
             show: (row) => (

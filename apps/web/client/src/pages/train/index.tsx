@@ -10,9 +10,17 @@ import { finishJob, isOver, useJob } from '../shared/jobs';
 import { SetSource } from '../shared/parts';
 import { Chart } from './chart';
 import { addSample, progressSeries, seriesOf, type Sample } from './curves';
-import { Judge } from './judge';
+import { Evaluate } from './evaluate';
 import { InstallModel } from './install';
-import { dataOfJob, drawRequest, placeOf, trainRequest, trainVerbs, wordFor, type DataKind } from './verbs';
+import {
+  dataOfJob,
+  synthRequest,
+  shippedModelOf,
+  trainRequest,
+  trainVerbs,
+  metricLabel,
+  type DataKind,
+} from './verbs';
 
 export function Train() {
   const where = useSignalValue(route);
@@ -29,7 +37,7 @@ export function Train() {
         label="Train and evaluate"
         tabs={[
           { id: 'train', label: 'Train' },
-          { id: 'judge', label: 'Evaluate' },
+          { id: 'evaluate', label: 'Evaluate' },
         ]}
         value={tab}
         onChange={setTab}
@@ -37,13 +45,13 @@ export function Train() {
         {tab === 'train' && (
           <TrainPart
             given={given}
-            onJudge={(model, verb, data) => {
+            onEvaluate={(model, verb, data) => {
               setMade({ model, verb, data });
-              setTab('judge');
+              setTab('evaluate');
             }}
           />
         )}
-        {tab === 'judge' && <Judge start={made} />}
+        {tab === 'evaluate' && <Evaluate start={made} />}
       </Tabs>
     </>
   );
@@ -79,7 +87,7 @@ export function DataSource(props: { kind: DataKind; value: string; onChange: (va
   const [round, setRound] = useState(0);
   const [drawing, setDrawing] = useState(false);
   const choices = useData(props.kind, round);
-  const draw = drawRequest(props.kind);
+  const draw = synthRequest(props.kind);
   const options = [{ value: '', label: 'Choose data' }, ...choices];
   if (props.value !== '' && !options.some((one) => one.value === props.value)) {
     options.push({ value: props.value, label: props.value });
@@ -123,7 +131,10 @@ export function DataSource(props: { kind: DataKind; value: string; onChange: (va
   );
 }
 
-function TrainPart(props: { given: string; onJudge: (model: string, verb: string, data: string) => void }) {
+function TrainPart(props: {
+  given: string;
+  onEvaluate: (model: string, verb: string, data: string) => void;
+}) {
   const [number, setNumber] = useState(0);
   const [data, setData] = useState(props.given);
   const [verbs, setVerbs] = useState<VerbHelp[]>([]);
@@ -184,7 +195,7 @@ function TrainPart(props: { given: string; onJudge: (model: string, verb: string
         {all.error && <Notice kind="problem">{all.error}</Notice>}
         {shown === undefined && <p class="faint">No training yet.</p>}
         {shown !== undefined && (
-          <Training key={shown} id={shown} onChange={all.again} onJudge={props.onJudge} />
+          <Training key={shown} id={shown} onChange={all.again} onEvaluate={props.onEvaluate} />
         )}
         {all.jobs.length > 1 && (
           <Select
@@ -210,7 +221,7 @@ function dataOf(job: Job): string {
 function Training(props: {
   id: string;
   onChange: () => void;
-  onJudge: (model: string, verb: string, data: string) => void;
+  onEvaluate: (model: string, verb: string, data: string) => void;
 }) {
   const job = useJob(props.id);
   const [samples, setSamples] = useState<Sample[]>([]);
@@ -244,7 +255,7 @@ function Training(props: {
         <dl class="state-list">
           {numbers.slice(0, 10).map(([name, value]) => (
             <div key={name}>
-              <dt>{wordFor(name)}</dt>
+              <dt>{metricLabel(name)}</dt>
               <dd>{Number.isInteger(value) ? value : value.toPrecision(4)}</dd>
             </div>
           ))}
@@ -254,7 +265,7 @@ function Training(props: {
         <div class="row">
           <Button
             kind="main"
-            onClick={() => props.onJudge(`job:${job.id}/${model.name}`, job.verb, dataOf(job))}
+            onClick={() => props.onEvaluate(`job:${job.id}/${model.name}`, job.verb, dataOf(job))}
           >
             Evaluate this model
           </Button>
@@ -263,10 +274,14 @@ function Training(props: {
           </a>
         </div>
       )}
-      {job.state === 'done' && model && placeOf(job.verb) !== undefined && (
+      {job.state === 'done' && model && shippedModelOf(job.verb) !== undefined && (
         <details>
           <summary>Install without an evaluation</summary>
-          <InstallModel model={`job:${job.id}/${model.name}`} place={placeOf(job.verb)!} verdict="" />
+          <InstallModel
+            model={`job:${job.id}/${model.name}`}
+            place={shippedModelOf(job.verb)!}
+            comparison=""
+          />
         </details>
       )}
     </>

@@ -25,7 +25,7 @@ export async function installedModels(): Promise<InstalledModel[]> {
 
 // `model`: the reference of a file; `place`: the model that ships and whose place it takes. `verdict`: how they
 // compare, in words; '' where nobody compared them.
-export function InstallModel(props: { model: string; place: string; verdict: string }) {
+export function InstallModel(props: { model: string; place: string; comparison: string }) {
   const models = useLoad(installedModels, [props.place]);
   const [asked, setAsked] = useState(false);
   const [done, setDone] = useState<{ sha256: string; used_by: string } | null>(null);
@@ -53,7 +53,7 @@ export function InstallModel(props: { model: string; place: string; verdict: str
     <section class="card stack" aria-labelledby="install" data-own={now ? String(now.own) : ''}>
       <h3 id="install">Install as {props.place}</h3>
       {models.error && <Notice kind="problem">{models.error}</Notice>}
-      {props.verdict && <p>{props.verdict}</p>}
+      {props.comparison && <p>{props.comparison}</p>}
       {done ? (
         <Notice kind="good">
           <p>
@@ -84,7 +84,7 @@ export function InstallModel(props: { model: string; place: string; verdict: str
       </p>
       <Confirm
         title={`Install as ${props.place}?`}
-        text={`${props.verdict ? props.verdict + ' ' : 'The two models have not been compared on the same data. '}All sessions, runs and jobs that start from now on use it.`}
+        text={`${props.comparison ? props.comparison + ' ' : 'The two models have not been compared on the same data. '}All sessions, runs and jobs that start from now on use it.`}
         yes="Install it"
         open={asked}
         onClose={() => setAsked(false)}

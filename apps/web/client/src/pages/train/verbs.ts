@@ -1,4 +1,4 @@
-// The verbs that train and judge, and what they take: pure.
+// The verbs that train and evaluate, and their inputs: pure.
 import type { Flags } from '../../api';
 import { capital, numberText, withUnit } from '../../format';
 
@@ -104,16 +104,16 @@ export const trainVerbs: readonly TrainVerb[] = [
   },
 ];
 
-export interface JudgeVerb {
+export interface EvalVerb {
   verb: string;
   title: string;
   data: DataKind;
   model: string; // the flag
-  trains: string; // the verb whose models it judges
+  trains: string; // the verb whose models it evaluates
   only: readonly string[];
 }
 
-export const judgeVerbs: readonly JudgeVerb[] = [
+export const evalVerbs: readonly EvalVerb[] = [
   {
     verb: 'landmarks eval',
     title: 'Landmarks',
@@ -171,18 +171,18 @@ export function trainRequest(
 }
 
 // The name of the model that ships whose place a model of this training verb takes, or undefined.
-export const placeOf = (verb: string): string | undefined =>
+export const shippedModelOf = (verb: string): string | undefined =>
   trainVerbs.find((one) => one.verb === verb)?.place;
 
 // `model`: a reference; null for the one that ships, by its name, so that no model of the user's own is taken for it.
-export function judgeRequest(
-  verb: JudgeVerb,
+export function evalRequest(
+  verb: EvalVerb,
   data: string,
   model: string | null,
   flags: Flags,
 ): { inputs: string[]; flags: Flags } {
   const all: Flags = { ...flags };
-  const place = placeOf(verb.trains);
+  const place = shippedModelOf(verb.trains);
   if (model !== null) all[verb.model] = model;
   else if (place !== undefined) all[verb.model] = `model:${place}`;
   if (verb.verb === 'pose eval')
@@ -197,7 +197,7 @@ export function judgeRequest(
 }
 
 // The job that draws data of a kind, and the reference of its result.
-export function drawRequest(
+export function synthRequest(
   kind: DataKind,
 ): { verb: string; inputs: string[]; flags: Flags; result: string } | null {
   if (kind === 'points' || kind === 'heads') {
@@ -235,7 +235,7 @@ export function dataOfJob(kind: DataKind, files: readonly string[]): string[] {
 }
 
 // Units and words for the numbers that eval verbs print.
-const words: Record<string, string> = {
+const metricLabels: Record<string, string> = {
   image: 'Image',
   nme: 'Error, %',
   dx: 'Offset to the right, %',
@@ -284,20 +284,20 @@ const words: Record<string, string> = {
   translation_percent: 'Error of the distance, %',
 };
 
-export const wordFor = (name: string): string => words[name] ?? capital(withUnit(name));
+export const metricLabel = (name: string): string => metricLabels[name] ?? capital(withUnit(name));
 
 // The same of one case, where the word of a set does not fit it.
-export const caseWordFor = (name: string): string =>
-  name === 'exact' ? 'Read exactly' : name === 'outcome' ? 'Outcome' : wordFor(name);
+export const caseLabel = (name: string): string =>
+  name === 'exact' ? 'Read exactly' : name === 'outcome' ? 'Outcome' : metricLabel(name);
 
 const outcomes = ['missed', 'wrong', 'lost', 'found'];
 // What is not known of a case where nothing was found; the program writes 0 then.
-const ofWhatIsFound = [
+const detectionColumns = [
   ...['text', 'confidence', 'edits', 'exact', 'nme', 'dx', 'dy', 'error', 'iterations'],
   ...['pitch', 'yaw', 'roll'],
 ];
 
-// Whether there is nothing to judge: no face, no plate.
+// Whether nothing was detected: no face, no plate.
 export const isMissed = (row: Record<string, string>): boolean => row.missed === '1' || row.found === '0';
 
 // The columns of a table of cases: what became of each is one column, behind the image.
@@ -314,15 +314,15 @@ export function caseCell(row: Record<string, string>, name: string): string {
     if (isMissed(row)) return 'not found';
     return row.wrong === '1' ? 'another face' : row.lost === '1' ? 'lost' : 'found';
   }
-  if (isMissed(row) && ofWhatIsFound.includes(name)) return '–';
+  if (isMissed(row) && detectionColumns.includes(name)) return '–';
   if (name === 'exact' || name === 'seen') return value === '1' ? 'yes' : 'no';
   if (name === 'confidence' && value !== '') return `${(100 * Number(value)).toFixed(0)} %`;
   return /^-?\d+\.\d{3,}$/.test(value) ? numberText(Number(value), 2) : value;
 }
 
 // Figures in an order that people expect: what is known above, the others by name.
-export function inOrder<T extends { name: string }>(rows: readonly T[]): T[] {
-  const order = Object.keys(words);
+export function sortMetrics<T extends { name: string }>(rows: readonly T[]): T[] {
+  const order = Object.keys(metricLabels);
   const place = (name: string) => (order.includes(name) ? order.indexOf(name) : order.length);
   return [...rows].sort((a, b) => place(a.name) - place(b.name) || a.name.localeCompare(b.name));
 }

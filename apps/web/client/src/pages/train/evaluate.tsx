@@ -7,19 +7,19 @@ import { JobCard, Notice, Select, Table, VerbForm } from '../../ui';
 import { attempt } from '../../ui/toast';
 import { addressOf } from '../shared/files';
 import { isOver, jobText, useJob } from '../shared/jobs';
-import { compare, parseCsv, verdictOf, worstFirst, type Comparison } from './curves';
+import { compare, parseCsv, comparisonText, worstFirst, type Comparison } from './curves';
 import { DataSource } from './index';
 import { InstallModel } from './install';
 import {
   caseCell,
   caseColumns,
-  caseWordFor,
-  inOrder,
+  caseLabel,
+  sortMetrics,
   isMissed,
-  judgeRequest,
-  judgeVerbs,
-  placeOf,
-  wordFor,
+  evalRequest,
+  evalVerbs,
+  shippedModelOf,
+  metricLabel,
 } from './verbs';
 
 interface Running {
@@ -29,10 +29,10 @@ interface Running {
   shipped: string | null;
 }
 
-export function Judge(props: { start: { model: string; verb: string; data: string } | null }) {
+export function Evaluate(props: { start: { model: string; verb: string; data: string } | null }) {
   const first = Math.max(
     0,
-    judgeVerbs.findIndex((one) => one.trains === props.start?.verb),
+    evalVerbs.findIndex((one) => one.trains === props.start?.verb),
   );
   const [number, setNumber] = useState(first);
   const [data, setData] = useState(props.start?.data ?? '');
@@ -47,7 +47,7 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
       () => undefined,
     );
   }, []);
-  const chosen = judgeVerbs[number]!;
+  const chosen = evalVerbs[number]!;
   const verb = verbs.find((one) => one.verb === chosen.verb);
   const models = useLoad(async () => {
     const jobs = trained.jobs.filter((job) => job.verb === chosen.trains).slice(0, 20);
@@ -67,9 +67,9 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
   if (model !== '' && !options.some((one) => one.value === model))
     options.push({ value: model, label: model });
 
-  const judge = async (flags: Flags) => {
+  const evaluate = async (flags: Flags) => {
     const start = async (which: string | null, name: string) => {
-      const request = judgeRequest(chosen, data, which, flags);
+      const request = evalRequest(chosen, data, which, flags);
       return (await api.startJob({ verb: chosen.verb, ...request, name })).id;
     };
     await attempt(async () => {
@@ -84,15 +84,15 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
 
   return (
     <div class="split">
-      <section class="card stack" aria-labelledby="what-to-judge">
-        <h2 id="what-to-judge">Model to evaluate</h2>
+      <section class="card stack" aria-labelledby="what-to-evaluate">
+        <h2 id="what-to-evaluate">Model to evaluate</h2>
         <Select
           label="Kind"
           value={String(number)}
-          options={judgeVerbs.map((one, i) => ({ value: String(i), label: one.title }))}
+          options={evalVerbs.map((one, i) => ({ value: String(i), label: one.title }))}
           onChange={(value) => {
             const next = Number(value);
-            if (judgeVerbs[next]!.data !== chosen.data) setData('');
+            if (evalVerbs[next]!.data !== chosen.data) setData('');
             setModel('');
             setNumber(next);
           }}
@@ -117,7 +117,7 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
             options={{ only: [...chosen.only] }}
             submit="Evaluate"
             ready={data !== ''}
-            onSubmit={judge}
+            onSubmit={evaluate}
           >
             <DataSource kind={chosen.data} value={data} onChange={setData} />
             <p class="field-help">
@@ -127,8 +127,8 @@ export function Judge(props: { start: { model: string; verb: string; data: strin
           </VerbForm>
         )}
       </section>
-      <section class="stack" aria-labelledby="judged">
-        <h2 id="judged">Figures</h2>
+      <section class="stack" aria-labelledby="figures">
+        <h2 id="figures">Figures</h2>
         {running ? (
           <Result key={`${running.mine} ${running.shipped}`} running={running} />
         ) : (
@@ -157,11 +157,11 @@ function Result({ running }: { running: Running }) {
     (running.mine === null || isOver(mine)) &&
     (running.shipped === null || isOver(shipped)) &&
     main !== undefined;
-  const rows = ready ? inOrder(compare(figuresOf(mine), figuresOf(shipped))) : [];
-  const place = placeOf(judgeVerbs[running.verb]!.trains);
+  const rows = ready ? sortMetrics(compare(figuresOf(mine), figuresOf(shipped))) : [];
+  const place = shippedModelOf(evalVerbs[running.verb]!.trains);
   const word: Record<string, string> = { mine: 'your model', shipped: 'shipped model', same: 'equal' };
   const columns = [
-    { name: 'Figure', show: (one: Comparison) => wordFor(one.name) },
+    { name: 'Figure', show: (one: Comparison) => metricLabel(one.name) },
     ...(running.mine !== null
       ? [
           {
@@ -190,14 +190,14 @@ function Result({ running }: { running: Running }) {
       {shipped && <JobCard job={shipped} />}
       {rows.length > 0 && <Table caption="Figures" columns={columns} rows={rows} keyOf={(one) => one.name} />}
       {ready && mine?.state === 'done' && place !== undefined && (
-        <InstallModel model={running.model} place={place} verdict={verdictOf(rows)} />
+        <InstallModel model={running.model} place={place} comparison={comparisonText(rows)} />
       )}
-      {ready && main && <Worst job={main} />}
+      {ready && main && <WorstCases job={main} />}
     </>
   );
 }
 
-function Worst({ job }: { job: Job }) {
+function WorstCases({ job }: { job: Job }) {
   const has = (job.files ?? []).some((file) => file.name === 'cases.csv');
   const cases = useLoad(
     async () => (has ? worstFirst(parseCsv(await jobText(job.id, 'cases.csv'))) : []),
@@ -239,7 +239,7 @@ function Worst({ job }: { job: Job }) {
         caption="All cases"
         hideCaption
         columns={names.map((name) => ({
-          name: caseWordFor(name),
+          name: caseLabel(name),
           show: (row: Record<string, string>) => caseCell(row, name),
           number: !['image', 'outcome', 'truth', 'text', 'exact', 'seen'].includes(name),
         }))}
