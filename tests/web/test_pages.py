@@ -331,7 +331,7 @@ class SessionTest(pages.PageTest):
         self.page.evaluate("document.querySelector('[data-key-of=sketch]').click()")
         self.page.wait(f"{key} === 'Press a key'")
         self.page.press("p")  # the key of oil paint
-        self.page.wait("document.querySelector('.keys .notice-problem')?.innerText.includes('is the key of')")
+        self.page.wait("document.querySelector('.keys .notice-problem')?.innerText.includes('is already the key of')")
         self.page.press("x")
         self.page.wait(f"{key} === 'x'")
         self.check_page("session-keys", widths=(360, 1440))
@@ -536,7 +536,7 @@ class LostServerTest(pages.PageTest):
         self.page.complaints()  # refused connections
         pages.free_port = lambda: port
         self.server.start()
-        self.page.wait("!document.body.innerText.includes('The server does not answer')")
+        self.page.wait("!document.body.innerText.includes('The server does not respond')")
         self.page.complaints()
 
 
@@ -650,7 +650,7 @@ class ApiTest(pages.PageTest):
         self.page.click("tab", "Try a verb")
         self.page.choose("Verb", "models list")
         self.page.click("button", "Run")
-        self.page.wait("document.querySelector('pre[aria-label=Answer]')?.innerText.includes('face-detector')")
+        self.page.wait("document.querySelector('pre[aria-label=Output]')?.innerText.includes('face-detector')")
         self.check_page("api-try", widths=(360, 1440))
         self.page.choose("Verb", "cartoon run")
         self.page.wait("document.querySelector('#try-inputs')")
