@@ -15,21 +15,21 @@ namespace {
 // Verbs with a flag and an input of each kind, in the format of `help --json`.
 constexpr std::string_view kVerbs = R"({"verbs":[
 {"verb":"pose track","path":["pose","track"],"area":"pose","inputs":[{"names":["INPUT"],"required":true,"repeatable":true}],
- "flags":[{"names":["--output","-o"],"type":"text","choices":[],"range":null,"values":1,"repeatable":false,"help":"none; without it: the window"},
-  {"names":["--draw"],"type":"text","choices":[],"range":null,"values":1,"repeatable":false,"help":""},
-  {"names":["--smooth"],"type":"text","choices":["none","mean"],"range":null,"values":1,"repeatable":false,"help":""},
-  {"names":["--every"],"type":"integer","choices":[],"range":{"min":0,"max":null,"min_excluded":true},"values":1,"repeatable":false,"help":""},
-  {"names":["--fps"],"type":"number","choices":[],"range":null,"values":1,"repeatable":false,"help":""},
-  {"names":["--pepper","--no-pepper"],"type":"switch","choices":[],"range":null,"values":0,"repeatable":false,"help":""},
-  {"names":["--window"],"type":"switch","choices":[],"range":null,"values":0,"repeatable":false,"help":""},
-  {"names":["--eyes"],"type":"integer","choices":[],"range":null,"values":2,"repeatable":false,"help":""},
-  {"names":["--target"],"type":"text","choices":[],"range":null,"values":1,"repeatable":true,"help":""},
-  {"names":["--on-event"],"type":"text","choices":[],"range":null,"values":1,"repeatable":false,"help":""}]},
+ "flags":[{"names":["--output","-o"],"type":"text","choices":[],"headless_value":"none","range":null,"values":1,"repeatable":false,"help":"none; without it: the window"},
+  {"names":["--draw"],"type":"text","choices":[],"headless_value":null,"range":null,"values":1,"repeatable":false,"help":""},
+  {"names":["--smooth"],"type":"text","choices":["none","mean"],"headless_value":null,"range":null,"values":1,"repeatable":false,"help":""},
+  {"names":["--every"],"type":"integer","choices":[],"headless_value":null,"range":{"min":0,"max":null,"min_excluded":true},"values":1,"repeatable":false,"help":""},
+  {"names":["--fps"],"type":"number","choices":[],"headless_value":null,"range":null,"values":1,"repeatable":false,"help":""},
+  {"names":["--pepper","--no-pepper"],"type":"switch","choices":[],"headless_value":null,"range":null,"values":0,"repeatable":false,"help":""},
+  {"names":["--window"],"type":"switch","choices":[],"headless_value":null,"range":null,"values":0,"repeatable":false,"help":""},
+  {"names":["--eyes"],"type":"integer","choices":[],"headless_value":null,"range":null,"values":2,"repeatable":false,"help":""},
+  {"names":["--target"],"type":"text","choices":[],"headless_value":null,"range":null,"values":1,"repeatable":true,"help":""},
+  {"names":["--on-event"],"type":"text","choices":[],"headless_value":null,"range":null,"values":1,"repeatable":false,"help":""}]},
 {"verb":"people enroll","path":["people","enroll"],"area":"people",
  "inputs":[{"names":["NAME"],"required":true,"repeatable":false},{"names":["INPUT"],"required":true,"repeatable":true}],
- "flags":[{"names":["--gallery"],"type":"text","choices":[],"range":null,"values":1,"repeatable":false,"help":""},
-  {"names":["--note"],"type":"text","choices":[],"range":null,"values":1,"repeatable":false,"help":""},
-  {"names":["--json"],"type":"switch","choices":[],"range":null,"values":0,"repeatable":false,"help":""}]}]})";
+ "flags":[{"names":["--gallery"],"type":"text","choices":[],"headless_value":null,"range":null,"values":1,"repeatable":false,"help":""},
+  {"names":["--note"],"type":"text","choices":[],"headless_value":null,"range":null,"values":1,"repeatable":false,"help":""},
+  {"names":["--json"],"type":"switch","choices":[],"headless_value":null,"range":null,"values":0,"repeatable":false,"help":""}]}]})";
 
 // A path that was taken from a page's words would not begin with this.
 constexpr std::string_view kPlace = "/workspace/";
@@ -74,7 +74,7 @@ TARSIER_FUZZ_TARGET(verb_request, kJson) {
 TARSIER_FUZZ_TARGET(upload, kBytes) {
   web::FileType type{};
   for (const char* name : {"a.jpg", "a.mp4", "a.json", "a"}) {
-    (void)web::find_upload_trouble(name, text_of(input), 1'000'000, type);
+    (void)web::upload_error(name, text_of(input), 1'000'000, type);
   }
 }
 

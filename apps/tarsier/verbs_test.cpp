@@ -106,10 +106,17 @@ TEST(Verbs, EachFlagIsDescribedAndItsDefaultIsAllowed) {
       EXPECT_FALSE(flag.group.empty()) << called;
       for (const std::string& other : flag.needs) EXPECT_TRUE(known.count(other)) << called;
       for (const std::string& other : flag.excludes) EXPECT_TRUE(known.count(other)) << called;
+      for (const std::string& word : flag.suggestions) {
+        EXPECT_THAT(flag.description, testing::HasSubstr(word)) << called;
+      }
+      EXPECT_THAT(flag.description, testing::HasSubstr(flag.headless_value)) << called;
       const std::string& value = flag.default_value;
       if (value.empty() || flag.many || flag.min_values > 1) continue;
       if (!flag.choices.empty()) {
         EXPECT_THAT(flag.choices, testing::Contains(value)) << called;
+      }
+      if (!flag.suggestions.empty()) {
+        EXPECT_THAT(flag.suggestions, testing::Contains(value)) << called;
       }
       if (flag.type != FlagType::kInteger && flag.type != FlagType::kNumber) continue;
       const double number = std::strtod(value.c_str(), nullptr);

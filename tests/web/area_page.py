@@ -19,7 +19,7 @@ class AreaPageTest(pages.PageTest):
 
     def path(self, name):
         """Checks a page of a path in the same way as all others."""
-        self.judge(f"path-{name}", widths=WIDTHS)
+        self.check_page(f"path-{name}", widths=WIDTHS)
 
     def started(self, verb):
         """The number of jobs of a verb after the next one is started."""

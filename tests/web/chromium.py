@@ -396,8 +396,8 @@ class Page:
 
     # ---- Actions ----
 
-    def middle(self, node):
-        """Scrolls the element into view and returns its middle. Refuses an element that another one covers."""
+    def center(self, node):
+        """Scrolls the element into view and returns its center. Refuses an element that another one covers."""
         self.send("DOM.scrollIntoViewIfNeeded", {"backendNodeId": node})
         at = self.on(node, """function () {
           const box = this.getBoundingClientRect();
@@ -441,7 +441,7 @@ class Page:
         while True:
             node = self.find(role, name, contains, timeout)
             try:
-                x, y = self.middle(node)
+                x, y = self.center(node)
                 self.click_at(x, y)
                 if not self.missed():
                     return

@@ -229,7 +229,7 @@ class PageTest(unittest.TestCase):
         self.page.open(self.server.origin + path)
         self.page.wait("document.querySelector('main[data-ready=yes]')", what=f"page {path}")
 
-    def judge(self, name, widths=WIDTHS):
+    def check_page(self, name, widths=WIDTHS):
         """Screenshots at each width, light and dark, if requested. Checks that the page does not scroll sideways, and that axe
         finds nothing serious at the narrowest and the widest, in light and dark."""
         source = axe_source()

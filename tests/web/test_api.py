@@ -199,7 +199,7 @@ class ApiTest(unittest.TestCase):
         name = self.job({"verb": "models list"})
         check(self.server.call(f"/api/jobs/{name}")[1], schemas["Job"], schemas)
 
-    def test_what_is_no_image(self):
+    def test_unreadable_images(self):
         for body, kind, wanted in ((b"", "image/jpeg", 400), (b"nonsense", "image/jpeg", 415), (b"<svg/>", "image/png", 415),
                                    (b"{}", "application/json", 415), (b"\xff\xd8\xff\xe0 cut", "image/jpeg", 415)):
             status, answer = self.server.call("/api/v1/plate/read", body, "POST", kind)
@@ -213,7 +213,7 @@ class ApiTest(unittest.TestCase):
             status, answer = self.server.call(path, photo, "POST", "image/jpeg")
             self.assertEqual(status, wanted, f"{path}: {answer}")
 
-    def test_figures(self):
+    def test_metrics(self):
         status, headers, body = self.ask("/metrics", token=self.token)
         self.assertEqual(status, 200)
         self.assertTrue(headers["Content-Type"].startswith("text/plain; version=0.0.4"))
@@ -227,7 +227,7 @@ class ApiTest(unittest.TestCase):
         for name in ("tarsier_jobs", "tarsier_http_requests_total", "tarsier_resident_memory_bytes", "tarsier_uptime_seconds", "tarsier_workspace_bytes"):
             self.assertIn(name, names)
 
-    def test_who_may_ask(self):
+    def test_without_sign_in(self):
         for path, methods in self.api["paths"].items():
             for method, operation in methods.items():
                 if operation.get("security") == [] or path == "/api/session":

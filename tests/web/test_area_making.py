@@ -29,8 +29,8 @@ class AreaMaking(AreaPageTest):
             self.go("/reconstruct")
             self.page.upload(self.page.file_input(), paths)
             self.page.wait_text("9 images in ")
-        self.page.choose("Make", "surface")
-        self.page.choose("How finely", "draft")
+        self.page.choose("Result", "surface")
+        self.page.choose("Detail", "draft")
         self.page.click("button", "Reconstruct")
         self.page.wait_text("reprojection error", LONG)
         self.assertRegex(self.page.text("main"), r"9 of 9 images, \d+ points")
@@ -45,8 +45,8 @@ class AreaMaking(AreaPageTest):
         self.assertGreater(before, 1000)
         self.page.fill("spinbutton", self.named("spinbutton", "point number"), "5")
         self.page.click("button", "Choose")
-        self.page.wait_text("Point 5: seen in")
-        error = float(re.search(r"(\d+\.\d+) px off", self.page.text(".point-view")).group(1))
+        self.page.wait_text("Point 5: observed in")
+        error = float(re.search(r"error (\d+\.\d+) px", self.page.text(".point-view")).group(1))
         self.assertLess(error, 3)
         self.path("reconstruct-point")
 
@@ -56,8 +56,8 @@ class AreaMaking(AreaPageTest):
             self.page.fill("spinbutton", self.named("spinbutton", "point number"), number)
             self.page.click("button", "Choose")
         self.page.wait_text("units of the model")
-        self.page.fill("spinbutton", "It is in truth", "2.5")
-        self.page.click("button", "Use as scale")
+        self.page.fill("spinbutton", "Real distance", "2.5")
+        self.page.click("button", "Set the scale")
         self.page.wait_text("Distance: 2.500 m")
         self.path("reconstruct-measure")
         self.cut_box()
@@ -79,12 +79,12 @@ class AreaMaking(AreaPageTest):
         """The dense cloud and the surface of the same job, in the same view, cropped and measured like the points."""
         shown = "document.querySelector('.cloud canvas').dataset.shown"
         drawn = "Number(document.querySelector('.cloud canvas').dataset.drawn)"
-        points = int(re.search(r"(\d+) points, each", self.page.text("main")).group(1))
+        points = int(re.search(r"(\d+) points, each observed", self.page.text("main")).group(1))
         self.page.choose("Show", "dense")
         self.page.wait(f"{shown} === 'dense'", 60, "the dense cloud")
         inside = "Number(document.querySelector('.cut-box [data-inside]').dataset.inside)"
         self.page.wait(f"{drawn} === {inside}", 20, "the part of it in the box")
-        self.page.click("button", "The whole cloud")
+        self.page.click("button", "Reset the box")
         self.page.click("checkbox", "Cut box")
         self.page.wait(f"{drawn} > 10 * {points}", 20, "all of it")
         wide = self.measure_by_clicks()
@@ -123,17 +123,17 @@ class AreaMaking(AreaPageTest):
           one.dispatchEvent(new Event('change', {bubbles: true})); })()""")
         self.page.wait("document.querySelector('[data-number=y-high]').value === document.querySelector('[data-number=y-low]').value",
                        what="faces do not pass each other")
-        self.page.click("button", "The whole cloud")
+        self.page.click("button", "Reset the box")
         self.page.wait(f"{inside} === {every}")
         self.drag_box(inside, every)
-        self.page.click("button", "The whole cloud")
+        self.page.click("button", "Reset the box")
         self.page.wait(f"{inside} === {every}")
         self.page.evaluate("document.querySelector('[data-face=z-high]').focus()")
         for _ in range(30):
             self.page.press("ArrowLeft")
         self.page.wait(f"{inside} < {every}")
         left = self.page.evaluate(inside)
-        self.page.click("checkbox", "Show only what is in the box")
+        self.page.click("checkbox", "Show only the points in the box")
         self.page.wait(f"{drawn} === {left}", what="the points in the box alone")
         folder = os.path.join(self.server.workspace, "downloads")
         os.makedirs(folder, exist_ok=True)
@@ -185,7 +185,7 @@ class AreaMaking(AreaPageTest):
         self.page.wait("document.querySelector('[data-chosen]').dataset.chosen === ''")
         self.assertTrue(self.page.has("application", contains="Cloud of"), "Escape lets go of the face alone")
 
-    def test_reconstruct_drawn_and_cancel(self):
+    def test_reconstruct_cancel_synthetic(self):
         self.go("/reconstruct")
         self.page.choose("Synthetic images", "11")
         self.page.click("button", "Try with synthetic data")
@@ -195,7 +195,7 @@ class AreaMaking(AreaPageTest):
         self.page.wait_text("cancelled")
 
     @long
-    def test_reconstruct_watch_it_grow(self):
+    def test_reconstruct_online(self):
         """The model grows while it is viewed."""
         with tempfile.TemporaryDirectory() as folder:
             scene = os.path.join(folder, "scene")
@@ -205,7 +205,7 @@ class AreaMaking(AreaPageTest):
             self.go("/reconstruct")
             self.page.upload(self.page.file_input(), sorted(glob.glob(os.path.join(scene, "images", "*.jpg"))))
             self.page.wait_text("8 images in ")
-        self.page.click("button", "Watch it grow")
+        self.page.click("button", "Reconstruct live")
         self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a live image")
         growing = self.state("sfm reconstruct")["id"]
 
@@ -263,7 +263,7 @@ class AreaMaking(AreaPageTest):
         self.until(f"{name} is {value}",
                    lambda: self.values("landmarks annotate").get(name) == value)
 
-    def test_annotate_train_judge(self):
+    def test_annotate_train_evaluate(self):
         self.go("/annotate")
         self.page.click("button", "Try with synthetic data")
         self.page.wait("document.querySelector('.annotate-image .live-view:not(.is-waiting) canvas')", LONG, "the image")
@@ -295,7 +295,7 @@ class AreaMaking(AreaPageTest):
         self.path("annotate-points")
 
         # Killing the program loses nothing: the journal has every click.
-        self.page.click("button", "Mirror images")
+        self.page.click("button", "Mirrored points")
         self.at("stage", "symmetry")
         for a, b in self.MIRROR:
             self.click_image(*points[a])
@@ -310,7 +310,7 @@ class AreaMaking(AreaPageTest):
             state = self.state("landmarks annotate")["state"]
             if state["image"] > 0 and not state["agreed"]:
                 self.drag_points(truth[os.path.basename(state["path"])])
-            self.page.click("button", "It is right, go on")
+            self.page.click("button", "Confirm and continue")
             self.until("the next image", lambda: (lambda now: now["image"] != state["image"] or now["done"] != state["done"])(
                 self.state("landmarks annotate")["state"]))
         self.at("done", 5)
@@ -322,11 +322,11 @@ class AreaMaking(AreaPageTest):
         self.page.click("link", "Train with it")
         self.page.wait("document.querySelector('main[data-page=train][data-ready=yes]')")
         self.page.click("button", "Train")
-        self.page.click("button", "Judge it", timeout=LONG)
-        self.page.find("button", "Judge")
+        self.page.click("button", "Evaluate this model", timeout=LONG)
+        self.page.find("button", "Evaluate")
         self.page.fill("textbox", "Eyes", "0 3")
         self.page.choose("Compare", "no")
-        self.page.click("button", "Judge")
+        self.page.click("button", "Evaluate")
         self.page.wait_text("Worst cases first", LONG)
         self.page.wait("document.querySelectorAll('.found').length >= 8", 60, "points on the worst image")
         self.assertIn("Mean error", self.page.text("main"))
@@ -359,14 +359,14 @@ class AreaMaking(AreaPageTest):
                        LONG, "drawn heads")
         self.page.fill("spinbutton", "Hold out", "3")
         self.page.click("button", "Train")
-        self.page.wait_text("aam train, ", LONG)  # until then the page shows an earlier training, with its own "Judge it"
-        self.page.click("button", "Judge it", timeout=LONG)
+        self.page.wait_text("aam train, ", LONG)  # until then the page shows an earlier training, with its own "Evaluate this model"
+        self.page.click("button", "Evaluate this model", timeout=LONG)
         self.page.fill("spinbutton", "Held out", "3")
-        self.page.click("button", "Judge")
+        self.page.click("button", "Evaluate")
         self.page.wait_text("Worst cases first", LONG)
         self.assertEqual(
             self.page.evaluate("[...document.querySelectorAll('main table')[0].tHead.rows[0].cells].map((one) => one.innerText)"),
-            ["What", "Mine", "What ships", "Better"])
+            ["Figure", "Your model", "Shipped model", "Better"])
         self.path("train-compare")
 
         # From now on the new model replaces the installed one.
@@ -399,29 +399,29 @@ class AreaMaking(AreaPageTest):
         self.page.click("tab", "Models")
         self.page.wait_text("your own")
         self.path("system-own-model")
-        self.page.click("button", "Back to what ships for aam68")
+        self.page.click("button", "Restore the shipped model aam68")
         self.page.click("button", "Remove my model")
-        self.page.wait("!document.querySelector('main').innerText.includes('your own')", 60, "what ships again")
+        self.page.wait("!document.querySelector('main').innerText.includes('your own')", 60, "the shipped model again")
         self.assertFalse(os.path.exists(own))
         events = [one["event"] for one in self.server.call("/api/audit")[1]["lines"]]
         self.assertIn("model install", events)
         self.assertIn("model remove", events)
 
-    def test_calibrate_print_show_keep(self):
+    def test_calibrate_print_show_save(self):
         self.go("/calibrate")
-        self.page.click("button", "Make the sheet")
+        self.page.click("button", "Create the sheet")
         self.page.wait_text("Download board.pdf")
         status, sheet = self.server.call(f"/api/jobs/{self.job_of('ar marker-sheet')['id']}/files/board.pdf")
         self.assertEqual(status, 200)
         self.assertTrue(sheet.startswith(b"%PDF"))
         self.path("calibrate-print")
 
-        self.page.click("button", "I have one: go on")
+        self.page.click("button", "I have a board: continue")
         self.page.click("button", "Try with synthetic data")
         self.until("the camera is calibrated", lambda: self.values("calibrate").get("calibrated"))
         self.path("calibrate-live")
-        self.page.click("button", "Finish and keep the camera")
-        self.page.wait_text("The camera is kept as")
+        self.page.click("button", "Finish and save the camera")
+        self.page.wait_text("The camera is saved as")
         self.page.wait_text("distortion:")
         status, camera = self.server.call("/api/state/camera.yaml")
         self.assertEqual(status, 200)
@@ -431,10 +431,10 @@ class AreaMaking(AreaPageTest):
     @long
     def test_calibrate_from_images(self):
         self.go("/calibrate")
-        self.page.click("tab", "Or: from images")
+        self.page.click("tab", "Or use images")
         self.page.click("button", "Try with synthetic data")
-        self.page.wait_text("The camera in numbers", LONG)
-        self.assertRegex(self.page.text("main"), r"Error 0\.\d+ px, \d+ of \d+ images used")
+        self.page.wait_text("Camera parameters", LONG)
+        self.assertRegex(self.page.text("main"), r"Reprojection error 0\.\d+ px, \d+ of \d+ images used")
         self.page.wait_text("Views, largest error first")
         self.path("calibrate-photos")
 

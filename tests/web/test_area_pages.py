@@ -21,27 +21,27 @@ class AreaPages(AreaPageTest):
         for name in AREAS:
             with self.subTest(page=name):
                 self.go(f"/{name}")
-                self.page.find("heading", contains={"train": "Train and judge"}.get(name, name))
-                self.judge(f"empty-{name}", widths=(*WIDTHS, 1440))
+                self.page.find("heading", contains={"train": "Train and evaluate"}.get(name, name))
+                self.check_page(f"empty-{name}", widths=(*WIDTHS, 1440))
 
     def test_0_each_tab(self):
         for name, tabs in {
-            "people": ["Add a person", "Who is this?", "Live"],
-            "calibrate": ["2. Show it to the camera", "Or: from images"],
-            "train": ["Judge"],
+            "people": ["Enrol a person", "Identify", "Live"],
+            "calibrate": ["2. Show it to the camera", "Or use images"],
+            "train": ["Evaluate"],
         }.items():
             self.go(f"/{name}")
             for tab in tabs:
                 with self.subTest(page=name, tab=tab):
                     self.page.click("tab", tab)
-                    self.judge(f"empty-{name}-{re.sub('[^a-z]+', '-', tab.lower()).strip('-')}", widths=WIDTHS)
+                    self.check_page(f"empty-{name}-{re.sub('[^a-z]+', '-', tab.lower()).strip('-')}", widths=WIDTHS)
 
     def enrol(self, name):
-        self.page.click("tab", "Add a person")
+        self.page.click("tab", "Enrol a person")
         self.page.click("button", contains=name, timeout=LONG)
         self.page.click("button", "Enrol", timeout=LONG)
-        self.page.wait_text("images were taken", LONG)
-        taken, shots = map(int, re.search(r"(\d+) of (\d+) images were taken", self.page.text("main")).groups())
+        self.page.wait_text("images were accepted", LONG)
+        taken, shots = map(int, re.search(r"(\d+) of (\d+) images were accepted", self.page.text("main")).groups())
         self.assertEqual(shots, 10)
         self.assertGreaterEqual(taken, 3)
 
@@ -49,18 +49,18 @@ class AreaPages(AreaPageTest):
         self.go("/people")
         self.enrol("Ann (synthetic)")
         self.path("people-enrolled")
-        self.page.click("button", "Add another person")
+        self.page.click("button", "Enrol another person")
         self.enrol("Ben (synthetic)")
-        self.page.click("button", "Try it: who is this?")
+        self.page.click("button", "Identify a face")
         seen = set()
         for _ in range(6):
-            before = self.page.text(".boxed + *, section[aria-label='Who is on it']")
+            before = self.page.text(".boxed + *, section[aria-label='Result']")
             self.page.click("button", "Try with synthetic data")
             self.page.wait(
-                "document.querySelector('section[aria-label=\"Who is on it\"]')?.innerText && "
-                f"document.querySelector('section[aria-label=\"Who is on it\"]').innerText !== {json.dumps(before)} && "
+                "document.querySelector('section[aria-label=\"Result\"]')?.innerText && "
+                f"document.querySelector('section[aria-label=\"Result\"]').innerText !== {json.dumps(before)} && "
                 "!document.querySelector('.is-busy')", what="an answer")
-            seen.update(re.findall(r"Ann \(synthetic\)|Ben \(synthetic\)", self.page.text("section[aria-label='Who is on it'] h2")))
+            seen.update(re.findall(r"Ann \(synthetic\)|Ben \(synthetic\)", self.page.text("section[aria-label='Result'] h2")))
         self.assertEqual(seen, {"Ann (synthetic)", "Ben (synthetic)"})
         self.path("people-recognised")
 
@@ -70,8 +70,8 @@ class AreaPages(AreaPageTest):
         self.correct_named("Ann (synthetic)", "Ben (synthetic)")
         self.page.click("button", "Forget Ann (synthetic)")
         self.page.click("button", "Forget")
-        self.page.wait_text("Pieces that were looked for")
-        self.assertIn("None of them is left", self.page.text("dialog[open]"))
+        self.page.wait_text("Data items searched for")
+        self.assertIn("None of them remains", self.page.text("dialog[open]"))
         pages.shot(self.page, "path-people-forgotten")
         self.page.click("button", "Close")
         self.page.wait("!document.body.innerText.includes('Forget Ann')")
@@ -96,7 +96,7 @@ class AreaPages(AreaPageTest):
         """Undoes the newest active correction."""
         undo = self.first_button("Undo correction")
         self.page.click("button", undo)
-        self.page.wait(f"!document.querySelector('[aria-label={json.dumps(undo)}]')", 30, "taken back")
+        self.page.wait(f"!document.querySelector('[aria-label={json.dumps(undo)}]')", 30, "the correction is undone")
 
     def correct_named(self, one, other):
         """Faces of named people: split off, moved, ruled out, two names merged. Each correction is undone."""
@@ -106,26 +106,26 @@ class AreaPages(AreaPageTest):
         self.page.wait("document.querySelector('.face-choice image').getBoundingClientRect().width > 100", 30, "faces")
         for box in boxes[:2]:
             self.page.click("checkbox", box)
-        self.page.wait_text(f"2 of {before[one]} faces are chosen")
+        self.page.wait_text(f"2 of {before[one]} faces are selected")
         self.page.fill("textbox", "Name", other)
-        self.page.wait_text("This name is enrolled")
+        self.page.wait_text("This name is already enrolled")
         name = "Zoe <b>"
         self.page.fill("textbox", "Name", name)
         self.path("people-faces")
         self.page.click("button", "Move")
-        self.page.wait_text(f"0 of {before[one] - 2} faces are chosen")
+        self.page.wait_text(f"0 of {before[one] - 2} faces are selected")
         self.assertEqual(self.people(), {**before, one: before[one] - 2, name: 2})
 
         moved = next(one for _, one, _ in self.page.find_all("checkbox") if one.startswith("Face "))
         self.page.click("checkbox", moved)
-        self.page.choose("They are faces of", other)
+        self.page.choose("Move them to", other)
         self.page.click("button", "Move")
-        self.page.wait_text(f"0 of {before[one] - 3} faces are chosen")
+        self.page.wait_text(f"0 of {before[one] - 3} faces are selected")
         self.assertEqual(self.people(), {one: before[one] - 3, other: before[other] + 1, name: 2})
         against = next(one for _, one, _ in self.page.find_all("checkbox") if one.startswith("Face "))
         self.page.click("checkbox", against)
         self.page.click("button", contains=f"Not {one}")
-        self.page.wait_text(f"0 of {before[one] - 4} faces are chosen")
+        self.page.wait_text(f"0 of {before[one] - 4} faces are selected")
         self.page.click("button", "Close")
 
         self.faces_of(name)
@@ -161,7 +161,7 @@ class AreaPages(AreaPageTest):
         self.go("/people")
         self.page.click("button", "Group unknown faces")
         self.page.find("button", contains="Name group")
-        self.page.click("button", "Show the faces")
+        self.page.click("button", "Show faces")
         self.page.wait("document.querySelector('img.sheet')?.naturalWidth > 100", 60, "the sheet")
         self.assertEqual([one for one in self.server.call("/api/jobs")[1]["jobs"] if one["verb"] == "people groups"], [])
         self.path("people-groups")
@@ -172,8 +172,8 @@ class AreaPages(AreaPageTest):
         boxes = self.faces_of("group " + buttons[0].split()[-1])
         self.assertEqual(len(boxes), 2)
         self.page.click("checkbox", boxes[0])
-        self.page.click("button", "Make them a group of their own")
-        self.page.wait_text("0 of 1 faces are chosen")
+        self.page.click("button", "Make a new group of them")
+        self.page.wait_text("0 of 1 faces are selected")
         self.path("people-group-faces")
         self.page.click("button", "Close")
         self.groups_there(4)
@@ -190,7 +190,7 @@ class AreaPages(AreaPageTest):
         self.groups_there(2)
         self.page.click("button", buttons[1])
         self.page.click("button", "Merge")
-        self.page.wait_text("is part of group")
+        self.page.wait_text("was merged into group")
         self.groups_there(1)
         wrong = self.first_button("Not this person")
         self.page.click("button", wrong)
@@ -202,11 +202,11 @@ class AreaPages(AreaPageTest):
 
     def test_people_name_with_markup_stays_text(self):
         self.go("/people")
-        self.page.click("tab", "Add a person")
+        self.page.click("tab", "Enrol a person")
         name = "<img src=x onerror=alert(1)>"
         self.page.fill("textbox", "Name", name)
-        self.page.fill("textbox", "What was agreed", "<b>yes</b>")
-        self.page.click("checkbox", "This person has agreed")
+        self.page.fill("textbox", "Consent", "<b>yes</b>")
+        self.page.click("checkbox", "This person has given consent")
         self.page.click("button", "Next: images")
         self.page.wait_text(f"Images of {name}")
         self.assertEqual(self.page.evaluate("document.querySelectorAll('img[src=x]').length"), 0)
@@ -243,14 +243,14 @@ class AreaPages(AreaPageTest):
 
         text = self.page.text(".plate-text")
         self.assertRegex(text, r"^[A-Z0-9]{4,}$")
-        self.page.fill("searchbox", "Text of the plate", text[1:4])
+        self.page.fill("searchbox", "Plate text", text[1:4])
         self.page.click("button", "Search")
         self.page.wait("document.querySelector('main p[role=status]').innerText.endsWith('found')", 30, "what was found")
         self.assertLess(self.count(), every)
         self.assertIn(text, self.texts())
         wrong = ("X" if text[0] != "X" else "Y") + text[1:]
-        self.page.fill("searchbox", "Text of the plate", wrong)
-        self.page.click("checkbox", "Nearly this text")
+        self.page.fill("searchbox", "Plate text", wrong)
+        self.page.click("checkbox", "Similar texts")
         self.page.click("button", "Search")
         self.until("the near text", lambda: text in self.texts())
         self.page.click("button", "Show all")
@@ -260,37 +260,37 @@ class AreaPages(AreaPageTest):
         self.path("plates-search")
 
         self.page.click("button", f"More about {text}")
-        self.page.wait_text("How sure of each character")
+        self.page.wait_text("Confidence of each character")
         pages.shot(self.page, "path-plates-detail")
-        self.page.fill("textbox", "What the plate really says", "ABC 123")
+        self.page.fill("textbox", "Correct text", "ABC 123")
         self.page.click("button", "Correct")
         self.page.wait_text("read as")
         lines = self.server.call("/api/run", {"verb": "plate log", "inputs": ["ws:plates.db"], "flags": {"--text": "ABC123"}})[1]["lines"]
         self.assertEqual([(one["text"], one["correction"]["text"]) for one in lines], [(text, "ABC123")])
         self.path("plates-corrected")
-        self.page.click("button", "Make training data")
-        self.page.wait_text("1 corrected plates are in the job")
+        self.page.click("button", "Save as training data")
+        self.page.wait_text("has 1 corrected plates")
         self.page.click("button", "More about ABC123")
         self.page.click("button", self.undo_button())
         self.until("the text as it was read", lambda: "ABC123" not in self.texts())
 
     def undo_button(self):
-        self.page.wait_text("Take the correction of")
-        return next(one[1] for one in self.page.find_all("button") if one[1].startswith("Take the correction of"))
+        self.page.wait_text("Undo the correction of")
+        return next(one[1] for one in self.page.find_all("button") if one[1].startswith("Undo the correction of"))
 
-    def test_plates_that_matter(self):
+    def test_plates_watch_list(self):
         self.go("/plates")
-        self.page.fill("textbox", "Watch for", "b-12?4*")
-        self.page.fill("textbox", "Whose it is", "Ann")
+        self.page.fill("textbox", "Plate", "b-12?4*")
+        self.page.fill("textbox", "Label", "Ann")
         self.page.fill("textbox", "Hours", "06:00-22:00")
-        self.page.click("button", "Watch")
+        self.page.click("button", "Add to the watch list")
         self.page.wait_text("06:00-22:00")
         with open(os.path.join(self.server.workspace, "watch.csv")) as file:
             self.assertIn("B12?4*,Ann,0.25,,06:00-22:00,", file.read())
         self.path("plates-watch")
-        self.page.fill("textbox", "Watch for", "2863SDN")
+        self.page.fill("textbox", "Plate", "2863SDN")
         self.page.fill("textbox", "Hours", "8-9")
-        self.page.wait_text("From and to, like 08:00-18:00")
+        self.page.wait_text("Enter a time range, such as 08:00-18:00")
         self.page.click("button", "Remove B12?4*")
         self.until("an empty list", lambda: not [one for one in self.page.find_all("button") if one[1].startswith("Remove B12")])
 
@@ -320,12 +320,12 @@ class AreaPages(AreaPageTest):
         self.page.slide("Look 7", -2)
         self.until("the look has changed", lambda: self.values("aam explore").get("look", [0] * 7)[6] < -1.5)
         self.path("explore-all")
-        self.page.click("button", "Look to the middle")
+        self.page.click("button", "Reset look")
         self.until("the look is the mean", lambda: not any(self.values("aam explore").get("look", [1])))
         self.page.click("button", contains="random")
         self.path("explore")
         self.page.click("button", "End")
-        self.page.choose("Model of", "points")
+        self.page.choose("Kind", "points")
         self.page.click("button", "Explore")
         self.page.wait("document.querySelector('.live-view:not(.is-waiting) canvas')", 60, "a patch")
         self.path("explore-points")

@@ -39,10 +39,10 @@ class BundleTest(unittest.TestCase):
         self.assertEqual(done.returncode, 0, f"{' '.join(words)}\n{done.stdout[-4000:]}{done.stderr[-4000:]}")
         return done.stdout
 
-    def test_the_committed_bundle_is_what_the_sources_make(self):
+    def test_the_committed_bundle_matches_the_sources(self):
         with tempfile.TemporaryDirectory() as folder:
-            told = self.run_node("node", "build.mjs", folder)
-            self.assertIn("first load", told)
+            output = self.run_node("node", "build.mjs", folder)
+            self.assertIn("first load", output)
             self.assertEqual(files_of(folder), files_of(pages.DIST))
             _, different, broken = filecmp.cmpfiles(folder, pages.DIST, files_of(folder), shallow=False)
             self.assertEqual(different + broken, [])
@@ -52,14 +52,14 @@ class BundleTest(unittest.TestCase):
 
     def test_every_bundled_package_has_its_licence(self):
         with open(os.path.join(pages.DIST, "LICENSES.txt"), encoding="utf-8") as file:
-            told = file.read()
+            text = file.read()
         for name in ("preact", "@preact/signals", "@preact/signals-core", "three", "uplot"):
-            self.assertIn(f"==== {name} ", told)
+            self.assertIn(f"==== {name} ", text)
 
 
 if __name__ == "__main__":
-    trouble = packages()
-    if trouble:
-        print(f"skipped: {trouble}")
+    reason = packages()
+    if reason:
+        print(f"skipped: {reason}")
         sys.exit(pages.SKIPPED)
     unittest.main(verbosity=2)

@@ -164,7 +164,7 @@ class FilesTest(unittest.TestCase):
             os.unlink(os.path.join(self.server.workspace, "sets", "linked"))
             os.unlink(os.path.join(self.server.workspace, "linked.txt"))
 
-    def test_what_is_no_image(self):
+    def test_unreadable_images(self):
         for file, data in (("bomb.png", png(60000, 60000, 0)), ("cut.png", png(50, 50)[:100]), ("page.html", b"<script>1</script>"),
                            ("page.png", b"<script>1</script>"), ("drawing.svg", b"<svg onload='alert(1)'/>"), ("empty.png", b""),
                            ("list.mp4", b"#EXTM3U\nfile:///etc/passwd\n"), ("list.txt", b"/etc/passwd\n"),

@@ -116,7 +116,7 @@ class JobsTest(unittest.TestCase):
         self.assertTrue(job["error"].startswith("set:empty"), job["error"])
         self.assertIn("error", self.server.call(f"/api/jobs/{job['id']}/log")[1].decode())
 
-    def test_what_may_not_be_started(self):
+    def test_verbs_that_are_forbidden(self):
         before = len(os.listdir(os.path.join(self.server.workspace, "jobs")))
         for request in (
             {"verb": "serve"}, {"verb": "demo"}, {"verb": "help"}, {"verb": "sh -c id"}, {"verb": ""}, {}, {"verb": 3},
@@ -184,7 +184,7 @@ class JobsTest(unittest.TestCase):
             self.assertIn(event, events)
         self.assertNotIn("Ann", json.dumps(self.server.call("/api/audit")[1]))
 
-    def test_a_model_that_grows(self):
+    def test_a_model_during_reconstruction(self):
         scene = self.start({"verb": "sfm synth", "flags": {"--output": "out:scene", "--images": 5, "--size": "400x300"}})
         self.assertEqual(self.wait(scene, "done", "failed")["state"], "done")
         name = self.start({"verb": "sfm reconstruct", "inputs": [f"job:{scene}/scene/images"],
@@ -215,7 +215,7 @@ class JobsTest(unittest.TestCase):
         stages = list(dict.fromkeys(line["progress"] for line in curve))
         self.assertEqual(stages, ["detector", "aligner"], job["lines"])
 
-    def test_the_feed_tells_of_jobs(self):
+    def test_the_feed_reports_jobs(self):
         import http.client
         import struct
         with open(os.path.join(self.server.workspace, ".studio", "api-token"), encoding="utf-8") as file:

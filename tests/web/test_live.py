@@ -50,8 +50,8 @@ def test_images_states_and_events():
                     [{"key": 115}] * 65, [{"action": "x" * 200}], [{"key": 115, "shift": 1}]):
             expect(studio.post(f"/api/sessions/{session['id']}/events", bad), 400, bad)
         expect(studio.post("/api/sessions/nothing/events", []), 404, "no session")
-        told = studio.get(f"/api/sessions/{session['id']}").json()
-        assert told["frames"] > 3 and told["viewers"] == 1 and told["width"] == 320 and told["output"], told
+        reply = studio.get(f"/api/sessions/{session['id']}").json()
+        assert reply["frames"] > 3 and reply["viewers"] == 1 and reply["width"] == 320 and reply["output"], reply
         assert studio.get("/api/sessions").json()["sessions"][0]["id"] == session["id"]
         # Viewers are informed of the end.
         expect(studio.ask("DELETE", f"/api/sessions/{session['id']}"), 204, "the end")
@@ -97,7 +97,7 @@ def test_without_viewers_nothing_is_encoded():
         wait_until(lambda: studio.get("/api/sessions/" + session["id"]).json()["viewers"] == 0, what="the viewer is gone")
 
 
-def test_one_slow_viewer_of_twenty():
+def test_a_slow_viewer_does_not_delay_twenty_others():
     with Studio() as studio:
         session = studio.start_session("cartoon run", ["synth:portrait?live=1&size=640x480"])
         fast = [studio.live([session["id"]]) for _ in range(19)]
@@ -175,14 +175,14 @@ def test_limits_of_sessions_and_streams():
         empty.wait_for(PING, seconds=5)
 
 
-def test_sessions_that_end_say_why():
+def test_ended_sessions_report_the_reason():
     with Studio() as studio:
         missing = studio.start_session("plate read", ["synth:nothing?live=1"])
         live = studio.live([missing["id"]])
         ended = json.loads(live.wait_for(ENDED)[2])
         assert ended["exit"] == 3 and "nothing" in ended["error"], ended
-        told = studio.get("/api/sessions/" + missing["id"]).json()
-        assert told["running"] is False and told["exit"] == 3 and told["error"] == ended["error"] and told["log"], told
+        reply = studio.get("/api/sessions/" + missing["id"]).json()
+        assert reply["running"] is False and reply["exit"] == 3 and reply["error"] == ended["error"] and reply["log"], reply
         expect(studio.post(f"/api/sessions/{missing['id']}/events", [{"key": 115}]), 409, "events to one that ended")
         # A session that is killed from outside affects no other session.
         first = studio.start_session("cartoon run", [SOURCE])
@@ -197,8 +197,8 @@ def test_sessions_that_end_say_why():
         assert studio.get("/api/sessions/" + first["id"]).json()["running"]
         # A camera that does not exist.
         gone = studio.start_session("cartoon run", ["camera:63"])
-        told = wait_until(lambda: (lambda s: s if not s["running"] else None)(studio.get("/api/sessions/" + gone["id"]).json()))
-        assert told["exit"] == 3 and told["error"], told
+        reply = wait_until(lambda: (lambda s: s if not s["running"] else None)(studio.get("/api/sessions/" + gone["id"]).json()))
+        assert reply["exit"] == 3 and reply["error"], reply
 
 
 def test_camera_of_a_viewer():

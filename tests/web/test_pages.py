@@ -58,7 +58,7 @@ class SignInTest(pages.PageTest):
         self.assertEqual(other.complaints(), [])
         other.close()
 
-    def test_signing_out_shows_the_way_back(self):
+    def test_signing_out_shows_the_sign_in_page(self):
         other = self.browser.page(context=self.browser.new_context())
         self.sign_in(other, self.server.new_link())
         other.open(self.server.origin + "/system")
@@ -72,11 +72,11 @@ class SignInTest(pages.PageTest):
 class HomeTest(pages.PageTest):
     def test_home(self):
         self.go("/")
-        self.page.wait_text("This machine has")
+        self.page.wait_text("This machine is ready")
         for title in ("Cartoon", "Number plates", "Facial landmarks", "Head pose", "People", "Markers",
                       "Appearance models", "Structure from motion", "Calibration"):
             self.assertTrue(self.page.has("heading", title), title)
-        self.judge("home")
+        self.check_page("home")
 
     def test_each_card_starts_at_once(self):
         self.go("/")
@@ -93,7 +93,7 @@ class HomeTest(pages.PageTest):
         self.go("/")
         self.page.click("link", "Try it: Structure from motion, with synthetic data")
         self.page.wait("location.pathname === '/reconstruct' && !location.search.includes('try')")
-        self.page.wait_text("images of a scene are being drawn")
+        self.page.wait_text("images of a synthetic scene are being generated")
         jobs = self.until("a model is made", lambda: self.jobs_of("sfm reconstruct"))
         self.assertEqual(len(jobs), 1, "one click, one model")
         self.server.call(f"/api/jobs/{jobs[0]['id']}/cancel", {})
@@ -124,25 +124,25 @@ class HomeTest(pages.PageTest):
         self.go("/")
         self.page.evaluate("document.activeElement.blur()")
         self.page.press("Tab")
-        self.assertEqual(self.page.evaluate("document.activeElement.textContent"), "Skip to the page")
+        self.assertEqual(self.page.evaluate("document.activeElement.textContent"), "Skip to the content")
 
     def test_colours_can_be_chosen_and_stay(self):
         self.go("/")
-        self.page.click("button", contains="Colours: auto")
-        self.page.click("button", contains="Colours: light")
+        self.page.click("button", contains="Theme: auto")
+        self.page.click("button", contains="Theme: light")
         self.page.wait("document.documentElement.dataset.theme === 'dark'")
         self.page.reload()
         self.page.wait("document.documentElement.dataset.theme === 'dark'")
-        self.page.click("button", contains="Colours: dark")
+        self.page.click("button", contains="Theme: dark")
         self.page.wait("document.documentElement.dataset.theme === undefined")
 
-    def test_a_page_that_is_not_there(self):
+    def test_a_missing_page(self):
         self.go("/nothing-here")
-        self.assertTrue(self.page.has("heading", "There is no such page"))
-        self.page.click("link", "Go to the first page")
+        self.assertTrue(self.page.has("heading", "This page does not exist"))
+        self.page.click("link", "Go to the home page")
         self.page.wait("document.querySelector('main[data-page=home]')")
 
-    def test_the_check_of_the_first_run_comes_from_doctor(self):
+    def test_the_findings_of_doctor_are_shown(self):
         status, answer = self.server.call("/api/run", {"verb": "doctor", "inputs": [], "flags": {}})
         self.assertEqual(status, 200)
         count = len(answer["lines"][0]["items"])
@@ -179,7 +179,7 @@ class SessionTest(pages.PageTest):
         self.server.call(f"/api/sessions/{first}", method="DELETE")
         self.page.wait(IMAGE)
         self.page.wait("/frames\\/s/.test(document.querySelector('.figures').innerText)")
-        self.judge("session")
+        self.check_page("session")
 
     def test_actions_sliders_and_keys_change_the_image(self):
         id = self.start("cartoon run", SMALL)
@@ -224,7 +224,7 @@ class SessionTest(pages.PageTest):
         self.page.wait(IMAGE)
         self.page.click("tab", "State")
         self.page.wait("document.querySelectorAll('.session-side tbody tr').length > 1")
-        self.judge("session-state", widths=(360, 1440))
+        self.check_page("session-state", widths=(360, 1440))
         self.page.click("button", "JSON")
         self.page.wait("JSON.parse(document.querySelector('.session-side pre').innerText)")
         self.page.focus("tab", "State")
@@ -241,10 +241,10 @@ class SessionTest(pages.PageTest):
         self.page.click("button", "Settings")
         self.page.wait("document.querySelector('dialog[open] .command code').innerText.includes('--draw glasses')")
         self.page.wait("[...document.querySelectorAll('dialog select, dialog input')].some((one) => one.value === 'glasses')")
-        self.judge("settings", widths=(360, 1440))
+        self.check_page("settings", widths=(360, 1440))
         self.page.fill("textbox", "Draw", "box")
         self.page.wait("document.querySelector('dialog .command code').innerText.includes('--draw box')")
-        self.page.click("button", "Start again with these")
+        self.page.click("button", "Restart with these settings")
         self.page.wait(f"location.pathname.startsWith('/session/') && !location.pathname.endsWith('/{id}')")
         self.page.wait(IMAGE)
         running = [one for one in self.server.call("/api/sessions")[1]["sessions"] if one["running"]]
@@ -295,7 +295,7 @@ class SessionTest(pages.PageTest):
         self.page.wait("[...document.querySelectorAll('.stage-row img')].every((one) => one.complete && one.naturalWidth > 50)")
         frame = int(self.page.evaluate("document.querySelector('.stage-row').dataset.frame"))
         self.page.wait(f"Number(document.querySelector('.stage-row').dataset.frame) > {frame}", what="stages of a later frame")
-        self.judge("session-stages")
+        self.check_page("session-stages")
         self.page.evaluate("document.querySelector('.stage-row button').focus()")
         self.page.press("Enter")
         self.page.wait("document.querySelector('dialog[open] .stage-large')?.naturalWidth > 50")
@@ -313,7 +313,7 @@ class SessionTest(pages.PageTest):
             status, record = self.server.call(f"/api/sessions/{id}/stages")
             self.assertEqual(status, 200)
             self.assertIn(name, record)
-            self.judge(f"session-stages-{verb.replace(' ', '-')}")
+            self.check_page(f"session-stages-{verb.replace(' ', '-')}")
             self.server.call(f"/api/sessions/{id}", method="DELETE")
         self.server.call("/api/state/gallery", method="DELETE")  # of people live
         # A session without stages has no such button, and reports this to programs.
@@ -321,7 +321,7 @@ class SessionTest(pages.PageTest):
         self.assertEqual(self.server.call(f"/api/sessions/{other}/stages")[0], 409)
         self.assertEqual(self.server.call("/api/sessions/none/stages")[0], 404)
 
-    def test_keys_are_the_viewers(self):
+    def test_keys_can_be_changed(self):
         id = self.start("cartoon run", SMALL)
         self.go(f"/session/{id}")
         self.page.wait(IMAGE)
@@ -331,10 +331,10 @@ class SessionTest(pages.PageTest):
         self.page.evaluate("document.querySelector('[data-key-of=sketch]').click()")
         self.page.wait(f"{key} === 'Press a key'")
         self.page.press("p")  # the key of oil paint
-        self.page.wait("document.querySelector('.keys .notice-problem')?.innerText.includes('is the key of')")
+        self.page.wait("document.querySelector('.keys .notice-problem')?.innerText.includes('is already the key of')")
         self.page.press("x")
         self.page.wait(f"{key} === 'x'")
-        self.judge("session-keys", widths=(360, 1440))
+        self.check_page("session-keys", widths=(360, 1440))
         # The setting is kept in this browser.
         self.page.reload()
         self.page.wait(IMAGE)
@@ -351,7 +351,7 @@ class SessionTest(pages.PageTest):
         self.page.wait(f"{key} === 's'")
         self.assertEqual(self.page.evaluate("localStorage.getItem('tarsier.keys')"), "{}")
 
-    def test_images_are_as_large_as_they_are_shown(self):
+    def test_images_have_the_displayed_size(self):
         id = self.start("cartoon run", "synth:portrait?live=1&fps=4&size=1280x960", {"--mode": "none"})
         self.go("/live")
         width = "document.querySelector('.live-view:not(.is-waiting) canvas')?.width"
@@ -395,11 +395,11 @@ class SessionTest(pages.PageTest):
         self.page.reload()
         self.page.wait(IMAGE)
 
-    def test_a_session_that_ends_says_so_and_starts_again(self):
+    def test_a_session_that_ended_can_be_restarted(self):
         id = self.start("cartoon run", "synth:portrait?frames=5")
         self.go(f"/session/{id}")
         self.page.wait_text("The session ended.")
-        self.page.click("button", "Start it again")
+        self.page.click("button", "Restart")
         self.page.wait(f"location.pathname.startsWith('/session/') && location.pathname !== '/session/{id}'")
         self.page.wait_text("The session ended.")
         self.page.click("button", "Remove")
@@ -429,21 +429,21 @@ class SessionTest(pages.PageTest):
         self.go("/live")
         self.page.click("button", "Start a session")
         self.page.wait("document.querySelector('dialog[open] select')")
-        self.page.choose("What", "ar markers")
+        self.page.choose("Verb", "ar markers")
         self.page.wait("document.querySelector('dialog .command code').innerText.includes('synth:markers')")
-        self.judge("start", widths=(360, 800, 1440))
+        self.check_page("start", widths=(360, 800, 1440))
         self.page.press("Escape")
         self.page.wait("!document.querySelector('dialog[open]')")
         self.page.click("button", "Start a session")
-        self.page.choose("What", "cartoon run")
+        self.page.choose("Verb", "cartoon run")
         self.page.click("button", "Start")
         self.page.wait("location.pathname.startsWith('/session/')")
         self.page.wait(IMAGE)
 
     def test_wall(self):
         self.go("/live")
-        self.page.wait_text("Nothing runs yet")
-        self.judge("live-empty", widths=(360, 1440))
+        self.page.wait_text("No session is running")
+        self.check_page("live-empty", widths=(360, 1440))
         for mode in ("sketch", "paint", "cartoon", "evil"):
             self.start("cartoon run", f"synth:portrait?live=1&fps=3&size=320x240&seed={len(mode)}", {"--mode": mode},
                        f"Portrait <b>{mode}</b>")
@@ -453,14 +453,14 @@ class SessionTest(pages.PageTest):
         self.page.wait_text("Portrait <b>sketch</b>")
         self.assertFalse(self.page.evaluate("Boolean(document.querySelector('.tile b'))"))
         self.page.wait("[...document.querySelectorAll('.figures')].every((one) => /frames/.test(one.innerText))")
-        self.judge("live")
+        self.check_page("live")
         # One line for all of them.
         streams = [one for one in self.page.requests() if "/api/live" in one]
         self.assertIn("%2C" if "%2C" in streams[-1] else ",", streams[-1])
         self.page.click("button", "End Portrait <b>evil</b>")
         self.page.wait("document.querySelectorAll('.tile').length === 3")
 
-    def test_a_hidden_tab_lets_go_of_its_line(self):
+    def test_a_hidden_tab_closes_its_stream(self):
         id = self.start("cartoon run", SMALL)
         self.go(f"/session/{id}")
         self.page.wait(IMAGE)
@@ -486,7 +486,7 @@ class TabsTest(pages.PageTest):
         found = re.findall(rf"^{name}(?:{{[^}}]*}})? (\S+)$", self.server.call("/metrics")[1].decode(), re.M)
         return sum(map(float, found))
 
-    def test_six_tabs_move_on_and_a_hidden_one_costs_nothing(self):
+    def test_six_tabs_receive_images_and_hidden_ones_none(self):
         ids = [self.server.call("/api/sessions", {"verb": "cartoon run", "flags": {"--mode": "none"},
                                                   "inputs": [f"synth:portrait?live=1&fps=3&size=160x120&seed={n}"]})[1]["id"] for n in range(6)]
         self.page.open("about:blank")
@@ -527,16 +527,16 @@ class TabsTest(pages.PageTest):
 class LostServerTest(pages.PageTest):
     own_server = True
 
-    def test_the_page_says_so_and_comes_back(self):
+    def test_the_page_reports_a_lost_server_and_reconnects(self):
         self.go("/live")
-        self.page.wait_text("Nothing runs yet")
+        self.page.wait_text("No session is running")
         port = self.server.port
         self.server.stop()
-        self.page.wait_text("The server does not answer")
+        self.page.wait_text("The server does not respond")
         self.page.complaints()  # refused connections
         pages.free_port = lambda: port
         self.server.start()
-        self.page.wait("!document.body.innerText.includes('The server does not answer')")
+        self.page.wait("!document.body.innerText.includes('The server does not respond')")
         self.page.complaints()
 
 
@@ -548,35 +548,35 @@ class SystemTest(pages.PageTest):
     def test_system(self):
         self.go("/system")
         self.page.wait("document.querySelectorAll('tbody tr').length > 3")
-        self.judge("system")
+        self.check_page("system")
         self.page.click("tab", "Checks")
         self.page.wait("document.querySelectorAll('.chip').length > 5")
-        self.judge("system-checks", widths=(360, 1440))
+        self.check_page("system-checks", widths=(360, 1440))
         self.page.click("tab", "Models")
         self.page.find("button", "About face-detector")
-        self.judge("system-models", widths=(360, 1440))
+        self.check_page("system-models", widths=(360, 1440))
         self.page.click("button", "About face-detector")
         self.page.wait("document.querySelector('dialog[open] tbody tr')")
         shot(self.page, "system-model")
         self.page.press("Escape")
         self.page.click("button", "Check the files’ hashes")
-        self.page.wait_text("All files are as they were shipped")
+        self.page.wait_text("No file was changed")
         self.server.call("/api/sets", {"name": "holiday"})
         self.page.click("tab", "Disk")
         self.page.click("button", "Remove holiday")
         self.page.click("button", "Cancel")
-        self.judge("system-disk", widths=(360, 1440))
+        self.check_page("system-disk", widths=(360, 1440))
         self.page.click("button", "Remove holiday")
         self.page.click("button", "Remove it")
-        self.page.wait_text("Nothing is kept yet.")
+        self.page.wait_text("Nothing is stored yet.")
         # A bench is a job; its lines form a table.
-        self.page.click("tab", "Bench")
-        self.page.choose("What", "bench posit")
-        self.page.click("button", "Start the bench")
+        self.page.click("tab", "Benchmarks")
+        self.page.choose("Benchmark", "bench posit")
+        self.page.click("button", "Start the benchmark")
         self.page.wait("document.querySelector('main table caption')?.innerText.includes('posit: ')", what="its figures")
         self.page.wait("document.querySelectorAll('main tbody tr').length > 1")
         self.page.wait_text("done")
-        self.judge("system-bench")
+        self.check_page("system-bench")
         # After signing out, no further data is visible, also in open pages.
         other = self.browser.page(context=self.browser.new_context())
         self.sign_in(other, self.server.new_link())
@@ -585,9 +585,9 @@ class SystemTest(pages.PageTest):
         self.page.wait_text("this one")
         self.assertIn("Chrome on Linux", self.page.text("main tbody"))
         self.assertIn("127.0.0.1", self.page.text("main tbody"))
-        self.judge("system-sign-ins")
+        self.check_page("system-sign-ins")
         other.open(self.server.origin + "/live")
-        other.wait_text("Nothing runs yet")
+        other.wait_text("No session is running")
         self.page.click("button", contains="Sign all others out")
         self.page.click("button", "Sign them out")
         self.page.wait("document.querySelectorAll('main tbody tr').length === 1")
@@ -599,21 +599,21 @@ class SystemTest(pages.PageTest):
         self.page.wait("document.querySelector('dialog[open]')")
         self.page.evaluate(
             "[...document.querySelectorAll('dialog[open] button')].find((one) => one.innerText === 'Make a new token').click()")
-        self.page.wait_text("The new token, shown once")
+        self.page.wait_text("The new token. It is shown only once")
         self.assertNotEqual(token, self.token())
         self.page.click("tab", "Audit log")
         self.page.wait_text("other sign-ins revoked")
         self.page.wait_text("api token renewed")
         self.page.wait("document.querySelectorAll('tbody td').length > 1")
-        self.judge("system-audit", widths=(360, 1440))
+        self.check_page("system-audit", widths=(360, 1440))
 
 
 class ApiTest(pages.PageTest):
     def test_endpoints(self):
         self.go("/api")
         self.page.wait("document.querySelectorAll('.endpoints details').length > 20")
-        self.judge("api")
-        self.page.fill("searchbox", "Find", "/api/sets")
+        self.check_page("api")
+        self.page.fill("searchbox", "Filter", "/api/sets")
         self.page.wait("document.querySelectorAll('.endpoints details').length < 12")
         self.page.evaluate("document.querySelectorAll('.endpoints details').forEach((one) => { one.open = true; })")
         shot(self.page, "api-open")
@@ -650,13 +650,13 @@ class ApiTest(pages.PageTest):
         self.page.click("tab", "Try a verb")
         self.page.choose("Verb", "models list")
         self.page.click("button", "Run")
-        self.page.wait("document.querySelector('pre[aria-label=Answer]')?.innerText.includes('face-detector')")
-        self.judge("api-try", widths=(360, 1440))
+        self.page.wait("document.querySelector('pre[aria-label=Output]')?.innerText.includes('face-detector')")
+        self.check_page("api-try", widths=(360, 1440))
         self.page.choose("Verb", "cartoon run")
         self.page.wait("document.querySelector('#try-inputs')")
         # Values out of range cannot be sent.
         self.page.fill("spinbutton", "Every", "0")
-        self.page.wait_text("Every is more than 0.")
+        self.page.wait_text("Every must be more than 0.")
         self.assertTrue(self.page.evaluate("[...document.querySelectorAll('button')].find((b) => b.innerText === 'Run').disabled"))
         shot(self.page, "api-form")
 

@@ -212,14 +212,14 @@ class PowerCut(unittest.TestCase):
         self.until("it runs", lambda: self.ask(f"/api/jobs/{job}")["state"] == "running")
         cut_power(self.server)
         self.server.start()
-        told = self.ask(f"/api/jobs/{job}")
-        self.assertEqual(told["state"], "interrupted", told)
-        self.assertIn("again", told["error"])
+        reply = self.ask(f"/api/jobs/{job}")
+        self.assertEqual(reply["state"], "interrupted", reply)
+        self.assertIn("again", reply["error"])
         self.assertGreaterEqual(self.faces_of("Cleo"), before)
         self.ask(f"/api/jobs/{job}/again", {})
-        told = self.until("its end", lambda: (lambda now: now if now["ended"] else None)(self.ask(f"/api/jobs/{job}")))
-        self.assertEqual(told["state"], "done", told)
-        self.assertGreaterEqual(self.faces_of("Cleo"), told["lines"][-1]["added"])
+        reply = self.until("its end", lambda: (lambda now: now if now["ended"] else None)(self.ask(f"/api/jobs/{job}")))
+        self.assertEqual(reply["state"], "done", reply)
+        self.assertGreaterEqual(self.faces_of("Cleo"), reply["lines"][-1]["added"])
 
     def is_same(self, places, others):
         return len(places) == len(others) and all(

@@ -91,14 +91,14 @@ def test_the_link_signs_in_once():
         assert studio.get("/api/info", headers={"Cookie": first}).status == 200
 
 
-def test_the_token_stands_where_no_log_sees_it():
+def test_the_token_is_in_the_fragment():
     with Studio(sign_in=False) as studio:
         # Browsers do not send the fragment. So it is in no request, no log of a proxy, and no Referer.
         assert re.fullmatch(re.escape(studio.url) + "#t=[0-9a-f]{64}", studio.link), studio.link
         assert re.fullmatch(re.escape(studio.url) + "#t=[0-9a-f]{64}", studio.new_link())
 
 
-def test_two_at_once_use_a_link_once():
+def test_concurrent_requests_use_a_link_once():
     with Studio(sign_in=False) as studio:
         results = []
         barrier = threading.Barrier(6)
@@ -115,7 +115,7 @@ def test_two_at_once_use_a_link_once():
         assert sorted(results) == [200] + [401] * 5, results
 
 
-def test_guessing_is_slowed_down():
+def test_sign_in_attempts_are_limited():
     with Studio(sign_in=False) as studio:
         statuses = [studio.post("/api/session", {"token": f"{i:064x}"}).status for i in range(14)]
         assert statuses[:10] == [401] * 10 and statuses[10:] == [429] * 4, statuses
@@ -149,7 +149,7 @@ def test_api_token_of_programs():
         expect(studio.get("/api/info", headers={"Authorization": "Basic " + studio.api_token()}), 401, "another scheme")
 
 
-def test_secrets_lie_in_private_files():
+def test_secrets_are_in_private_files():
     with Studio() as studio:
         folder = os.path.join(studio.workspace, ".studio")
         assert stat.S_IMODE(os.stat(folder).st_mode) == 0o700
@@ -253,7 +253,7 @@ def test_a_link_from_another_site_shows_and_changes_nothing():
         assert [one["id"] for one in studio.get("/api/sessions").json()["sessions"]] == sessions
 
 
-def test_reading_changes_nothing():
+def test_get_requests_change_nothing():
     """Each change has an address that does not accept GET, which a link or an image can cause."""
     with Studio() as studio:
         camera = studio.post("/api/viewer-cameras", {}).json()["id"]
@@ -293,7 +293,7 @@ def test_changes_need_the_csrf_header_and_json():
                                headers={**studio.headers(), "Content-Type": kind}).status == 201
 
 
-def test_answers_carry_the_policy():
+def test_responses_carry_the_policy():
     with Studio() as studio:
         for path, headers in (("/", {}), ("/live", {}), ("/api/session", {}), ("/api/info", {}), ("/nothing.js", {}),
                               ("/api/info", studio.headers()), ("/", {"Host": "evil.example"})):
@@ -373,8 +373,8 @@ def test_free_sources_and_dangerous_flags_are_refused():
         # The allowed source is shown by its name everywhere.
         session = studio.start_session("cartoon run", ["allowed:door"], {})
         wait_until(lambda: not studio.get("/api/sessions/" + session["id"]).json()["running"], what="the end without a camera")
-        told = studio.get("/api/sessions").body + studio.get("/api/audit").body
-        assert b"hunter2" not in told and b"user:" not in told, told
+        body = studio.get("/api/sessions").body + studio.get("/api/audit").body
+        assert b"hunter2" not in body and b"user:" not in body, body
         assert "hunter2" not in "".join(studio.errors)
         assert studio.get("/api/sessions/" + session["id"]).json()["error"]
 
@@ -427,7 +427,7 @@ def test_browsers_have_sixteen_cameras():
         assert studio.post("/api/viewer-cameras", {}).status == 201
 
 
-def test_a_viewer_that_stops_reading_finds_new_images():
+def test_a_paused_viewer_gets_new_images():
     """Images that a slow viewer missed are not kept for it, neither in the server nor in the socket."""
     with Studio() as studio:
         session = studio.start_session("cartoon run", ["synth:portrait?live=1&size=320x240&fps=20"], {"--mode": "none"})
@@ -446,7 +446,7 @@ def test_a_viewer_that_stops_reading_finds_new_images():
         live.close()
 
 
-def test_200_clients_take_nothing_from_others():
+def test_200_clients_do_not_block_others():
     with Studio() as studio:
         session = studio.start_session("cartoon run", ["synth:portrait?live=1&size=320x240"])
         live = studio.live([session["id"]])
@@ -498,7 +498,7 @@ def test_200_clients_take_nothing_from_others():
         assert studio.get("/api/info").status == 200
 
 
-def test_uploads_stay_in_their_place():
+def test_uploads_stay_in_their_folder():
     with Studio() as studio:
         assert studio.post("/api/sets", {"name": "a"}).status == 201
         image = bytes.fromhex("89504e470d0a1a0a0000000d4948445200000001000000010806000000"
@@ -531,7 +531,7 @@ def refuses(flags, *words, status=2):
         assert word in done.stderr, (flags, done.stderr)
 
 
-def test_it_refuses_to_listen_openly():
+def test_refuses_to_listen_openly_without_tls():
     refuses(["--listen-all"], "--tls-self-signed", "--behind-proxy")
     refuses(["--listen-all", "--tls-cert", "x"], "--tls-key")
     refuses(["--tls-key", "x"], "--tls-cert")
@@ -543,10 +543,10 @@ def test_it_refuses_to_listen_openly():
     refuses(["--allow-source", "a=0", "--allow-source", "a=1"], "twice")
     refuses(["--allow-source", "a=--on-event"], "begin with '-'")
     refuses(["--port", "70000"], "port")
-    refuses(["--link"], "no studio runs here", status=3)
+    refuses(["--link"], "no studio is running here", status=3)
 
 
-def test_loopback_alone_by_default():
+def test_listens_on_loopback_only_by_default():
     with Studio() as studio:
         listing = subprocess.run(["ss", "-Hltn"], capture_output=True, text=True, check=False).stdout if os.path.exists("/usr/bin/ss") or os.path.exists("/bin/ss") else None
         if listing is None:
@@ -611,7 +611,7 @@ def test_proxy_origin_and_addresses():
         assert answer.status == 200 and "Secure" in answer.headers["Set-Cookie"], answer.body
         for origin in ("http://studio.example", "https://evil.example", "https://studio.example:444"):
             expect(studio.get("/api/session", headers={**own, "Origin": origin}), 403, origin)
-        expect(studio.get("/api/session", headers={**own, "Host": "evil.example"}), 421, "another name")
+        expect(studio.get("/api/session", headers={**own, "Host": "evil.example"}), 421, "different name")
         with open(os.path.join(studio.workspace, ".studio", "audit.log"), encoding="utf-8") as file:
             assert json.loads(file.readline())["address"] == "203.0.113.9"
         # The attempts of one client do not lock out another behind the same proxy.

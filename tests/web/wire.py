@@ -19,7 +19,7 @@ import time
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 TARSIER = os.path.join(os.environ.get("TARSIER_SERVE_BIN", os.path.join(ROOT, "build", "release", "bin")), "tarsier")
-PATIENCE = float(os.environ.get("TARSIER_WEB_TIMEOUT", "120"))  # s; only a failing test waits this long
+TIMEOUT = float(os.environ.get("TARSIER_WEB_TIMEOUT", "120"))  # s; only a failing test waits this long
 IMAGE, STATE, HELLO, JOB, PING, ENDED = range(1, 7)
 
 
@@ -86,7 +86,7 @@ class Studio:
 
     def ask(self, method, path, body=None, headers=None, source="127.0.0.1"):
         """Follows no redirects and hides no errors. `headers` replaces those of a signed-in page."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE, source_address=(source, 0))
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=TIMEOUT, source_address=(source, 0))
         try:
             connection.request(method, path, body, self.headers() if headers is None else headers)
             answer = connection.getresponse()
@@ -148,7 +148,7 @@ class Live:
         self.socket = socket.socket()
         if receive_buffer:
             self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-        self.socket.settimeout(PATIENCE)
+        self.socket.settimeout(TIMEOUT)
         self.socket.bind((source, 0))
         self.socket.connect(("127.0.0.1", studio.port))
         lines = [f"GET /api/live?s={','.join(sessions)}{'&jobs=1' if jobs else ''} HTTP/1.1", f"Host: {studio.host}"]
@@ -190,7 +190,7 @@ class Live:
         length = data[1]
         return data[0], data[2:2 + length].decode(), data[2 + length:]
 
-    def wait_for(self, kind, accept=lambda payload: True, seconds=PATIENCE):
+    def wait_for(self, kind, accept=lambda payload: True, seconds=TIMEOUT):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             record = self.record()
@@ -205,7 +205,7 @@ class Live:
         self.socket.close()
 
 
-def wait_until(condition, seconds=PATIENCE, what="a condition"):
+def wait_until(condition, seconds=TIMEOUT, what="a condition"):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         value = condition()

@@ -92,7 +92,7 @@ Check one_of(std::initializer_list<int> choices) {
 struct Flag::Parts {
   CLI::Option* option = nullptr;
   FlagType type = FlagType::kText;
-  FlagInfo rules = {};  // range and choices
+  FlagInfo rules = {};  // range, choices, suggestions, headless value
 };
 
 Flag::Flag(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
@@ -148,6 +148,16 @@ Flag& Flag::excludes(Flag& other) {
 
 Flag& Flag::needs(Flag& other) {
   parts_->option->needs(other.parts_->option);
+  return *this;
+}
+
+Flag& Flag::suggest(std::vector<std::string> words) {
+  parts_->rules.suggestions = std::move(words);
+  return *this;
+}
+
+Flag& Flag::headless_value(std::string_view value) {
+  parts_->rules.headless_value = value;
   return *this;
 }
 

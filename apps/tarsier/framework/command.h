@@ -71,6 +71,10 @@ class Flag {
   // The flag excludes `other`; the flag requires `other`.
   Flag& excludes(Flag& other);
   Flag& needs(Flag& other);
+  // Words that a text may be, among other values; for forms that are made of the flags.
+  Flag& suggest(std::vector<std::string> words);
+  // Without this flag the verb opens a window; with this value it opens none.
+  Flag& headless_value(std::string_view value);
   // What --help shows for the value instead of INT, FLOAT or TEXT.
   Flag& type_name(std::string_view name);
 

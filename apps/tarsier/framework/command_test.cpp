@@ -396,6 +396,10 @@ TEST(CommandJson, DescribesEveryFlag) {
   other.add_option("--mode", mode, "how").check(one_of({"a", "b"})).show_default();
   other.add_option("-o,--sizes,SIZES", sizes, "px").delimiter(',').show_default().required();
   other.add_option("--above", above).check(tarsier::above(0)).show_default();
+  std::string page = "a4";
+  std::string output;
+  other.add_option("--page", page, "a4, letter or 200x300mm").suggest({"a4", "letter"});
+  other.add_option("--output", output, "a file [the window]").headless_value("none");
   bool fast = false;
   other.add_flag("--fast", fast).excludes(other.add_flag("--slow", fast));
   const auto document = nlohmann::json::parse(command_json(command_tree(line.root), "1.2"));
@@ -438,6 +442,11 @@ TEST(CommandJson, DescribesEveryFlag) {
   EXPECT_EQ(flags["--text"]["group"], "Names");
   EXPECT_EQ(flags["--mode"]["choices"], (nlohmann::json{"a", "b"}));
   EXPECT_EQ(flags["--mode"]["default"], "a");
+  EXPECT_EQ(flags["--mode"]["suggestions"], nlohmann::json::array());
+  EXPECT_EQ(flags["--mode"]["headless_value"], nullptr);
+  EXPECT_EQ(flags["--page"]["choices"], nlohmann::json::array());
+  EXPECT_EQ(flags["--page"]["suggestions"], (nlohmann::json{"a4", "letter"}));
+  EXPECT_EQ(flags["--output"]["headless_value"], "none");
   EXPECT_EQ(flags["--sizes"]["default"], (nlohmann::json{60, 25}));
   EXPECT_EQ(flags["--sizes"]["positional"], "SIZES");
   EXPECT_EQ(flags["--sizes"]["required"], true);

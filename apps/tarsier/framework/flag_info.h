@@ -29,6 +29,10 @@ struct FlagInfo {
   std::string value;
   // All allowed values, if they are few.
   std::vector<std::string> choices;
+  // Words that a text may be, among other values.
+  std::vector<std::string> suggestions;
+  // If the verb opens a window where the flag is not given: the value with which it opens none.
+  std::string headless_value;
   // The range of a number, if it has one.
   std::optional<Range> range;
   // As shown by --help, or empty.

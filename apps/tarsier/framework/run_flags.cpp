@@ -31,9 +31,9 @@ void add_run_flags(Command& verb, RunFlags& flags, bool batches) {
                   "image, folder, glob, @list.txt, video, camera number, URL, picam:, synth:NAME")
       .required()
       .type_name("");
-  // The studio's server recognises verbs with a window by the end of this text (verb_policy.cpp).
   verb.add_option("-o,--output", flags.output,
-                  "image, folder, .mp4 .avi .mkv, http://127.0.0.1:8080/, none [the window]");
+                  "image, folder, .mp4 .avi .mkv, http://127.0.0.1:8080/, none [the window]")
+      .headless_value("none");
   verb.add_flag("--window", flags.window, "show the result in a window (h: keys)");
   verb.add_flag("--fullscreen", flags.fullscreen, "show the window in full screen");
   verb.add_option("--actions", flags.actions, "-: read actions by name from stdin, one a line")

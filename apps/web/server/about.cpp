@@ -56,7 +56,7 @@ Json info_json(const Workspace& workspace, const AboutOptions& options) {
 
 }  // namespace
 
-std::string ask_for_help(const std::string& program) {
+std::string read_help_json(const std::string& program) {
   std::string text;
   ChildOptions options;
   options.arguments = {program, "help", "--json"};
@@ -64,7 +64,7 @@ std::string ask_for_help(const std::string& program) {
   options.on_output = [&](std::string_view line) { text += line; };
   ChildProcess child(std::move(options), [](const ChildEnd&) {});
   const auto end = child.wait(std::chrono::seconds(20));
-  if (!end || end->exit != 0) throw InputError(program, "`help --json` does not answer");
+  if (!end || end->exit != 0) throw InputError(program, "`help --json` failed");
   return text;
 }
 

@@ -26,6 +26,6 @@ void bind_about(Router& router, const VerbTable& verbs, const Workspace& workspa
                 const AuditLog& audit, AboutOptions options);
 
 // Runs `program help --json` and returns its output. Throws InputError if it takes more than 20 s.
-[[nodiscard]] std::string ask_for_help(const std::string& program);
+[[nodiscard]] std::string read_help_json(const std::string& program);
 
 }  // namespace tarsier::web

@@ -129,9 +129,9 @@ bool answer_from_folder(const std::string& folder, std::string_view path, Respon
 
 std::string_view type_of_file(std::string_view path) {
   const std::size_t dot = path.find_last_of('.');
-  const std::string ending = dot == std::string_view::npos ? "" : lower_case(path.substr(dot));
+  const std::string extension = dot == std::string_view::npos ? "" : lower_case(path.substr(dot));
   for (const auto& [known, type] : kTypes) {
-    if (known == ending) return type;
+    if (known == extension) return type;
   }
   return "application/octet-stream";
 }
@@ -145,7 +145,7 @@ void add_asset_routes(Router& router, const std::string& folder) {
                             : answer_from_folder(folder, path, response);
     };
     if (path.starts_with("api/"))
-      throw HttpError(404, "there is nothing here; see /api/openapi.json");
+      throw HttpError(404, "no such address; /api/openapi.json lists them all");
     if (!path.empty() && found()) return response;
     const std::size_t slash = path.find_last_of('/');
     const std::string_view name =

@@ -35,7 +35,7 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 // How long output of the child's own children is still read after they were killed.
-constexpr milliseconds kLastWords{200};
+constexpr milliseconds kFinalOutputWait{200};
 constexpr int kFirstFd = 3;
 constexpr int kLastFd = 9;
 
@@ -130,8 +130,8 @@ struct Plan {
   if (plan.niceness > 0) (void)!::nice(plan.niceness);
   // All our descriptors close at exec; dup2 clears this flag for those that the child gets.
   if (::close_range(kFirstFd, ~0U, CLOSE_RANGE_CLOEXEC) != 0) {
-    const long most = std::min(::sysconf(_SC_OPEN_MAX), 65536L);
-    for (int fd = kFirstFd; fd < most; ++fd) ::fcntl(fd, F_SETFD, FD_CLOEXEC);
+    const long max_fd = std::min(::sysconf(_SC_OPEN_MAX), 65536L);
+    for (int fd = kFirstFd; fd < max_fd; ++fd) ::fcntl(fd, F_SETFD, FD_CLOEXEC);
   }
   for (int number = 0; number <= kLastFd; ++number) {
     const int fd = plan.fds[static_cast<std::size_t>(number)];
@@ -202,9 +202,9 @@ struct ChildProcess::Impl {
   void run() {
     Fd output;
     Fd messages;
-    const std::string trouble = start(output, messages);
-    const bool is_started = trouble.empty();
-    started.set_value(trouble);
+    const std::string error = start(output, messages);
+    const bool is_started = error.empty();
+    started.set_value(error);
     if (is_started) follow(output, messages);
   }
 
@@ -300,7 +300,7 @@ struct ChildProcess::Impl {
       std::array<pollfd, 4> items{
           pollfd{output.get(), POLLIN, 0}, pollfd{messages.get(), POLLIN, 0},
           pollfd{how ? -1 : ended.get(), POLLIN, 0}, pollfd{wake.get(), POLLIN, 0}};
-      ::poll(items.data(), items.size(), patience(ended.get() >= 0 || how, read_until));
+      ::poll(items.data(), items.size(), poll_timeout_ms(ended.get() >= 0 || how, read_until));
       if (items[0].revents != 0) drain(output, lines);
       if (items[1].revents != 0) drain(messages, notes);
       if (items[3].revents != 0) {
@@ -310,7 +310,7 @@ struct ChildProcess::Impl {
       if (!how) {
         kill_when_due();
         how = collect();
-        if (how) read_until = Clock::now() + kLastWords;
+        if (how) read_until = Clock::now() + kFinalOutputWait;
       }
       const bool is_silent = output.get() < 0 && messages.get() < 0;
       if (how && (is_silent || Clock::now() >= *read_until)) break;
@@ -325,13 +325,14 @@ struct ChildProcess::Impl {
     changed.notify_all();
   }
 
-  [[nodiscard]] int patience(bool is_told, std::optional<Clock::time_point> read_until) const {
+  [[nodiscard]] int poll_timeout_ms(bool is_notified,
+                                    std::optional<Clock::time_point> read_until) const {
     std::optional<Clock::time_point> until = read_until;
     {
       const std::lock_guard lock(mutex);
       if (!until) until = kill_at;
     }
-    auto left = is_told ? milliseconds(60'000) : milliseconds(20);
+    auto left = is_notified ? milliseconds(60'000) : milliseconds(20);
     if (until)
       left = std::min(
           left, std::max(milliseconds(0), std::chrono::ceil<milliseconds>(*until - Clock::now())));
@@ -393,10 +394,10 @@ ChildProcess::ChildProcess(ChildOptions options, std::function<void(const ChildE
   impl_->wake.reset(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
   auto started = impl_->started.get_future();
   impl_->thread = std::thread([impl = impl_.get()] { impl->run(); });
-  const std::string trouble = started.get();
-  if (trouble.empty()) return;
+  const std::string error = started.get();
+  if (error.empty()) return;
   impl_->thread.join();
-  throw InputError(impl_->options.arguments[0], "cannot be started: " + trouble);
+  throw InputError(impl_->options.arguments[0], "cannot be started: " + error);
 }
 
 ChildProcess::~ChildProcess() {
@@ -406,12 +407,12 @@ ChildProcess::~ChildProcess() {
 
 int ChildProcess::pid() const { return impl_->pid; }
 
-void ChildProcess::interrupt(std::chrono::milliseconds patience) {
+void ChildProcess::interrupt(std::chrono::milliseconds kill_delay) {
   {
     const std::lock_guard lock(impl_->mutex);
     if (impl_->child <= 0) return;
     ::kill(-impl_->child, SIGINT);
-    const Clock::time_point at = Clock::now() + patience;
+    const Clock::time_point at = Clock::now() + kill_delay;
     impl_->kill_at = impl_->kill_at ? std::min(*impl_->kill_at, at) : at;
   }
   impl_->wake_up();
@@ -424,9 +425,9 @@ bool ChildProcess::is_running() const {
   return !impl_->end;
 }
 
-std::optional<ChildEnd> ChildProcess::wait(std::chrono::milliseconds patience) {
+std::optional<ChildEnd> ChildProcess::wait(std::chrono::milliseconds timeout) {
   std::unique_lock lock(impl_->mutex);
-  impl_->changed.wait_for(lock, patience, [&] { return impl_->end.has_value(); });
+  impl_->changed.wait_for(lock, timeout, [&] { return impl_->end.has_value(); });
   return impl_->end;
 }
 

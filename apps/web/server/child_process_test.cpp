@@ -48,7 +48,7 @@ TEST(ChildProcess, ReadsBothStreamsByLines) {
   EXPECT_EQ(end.text(), "ended with status 7");
 }
 
-TEST(ChildProcess, CutsLongLines) {
+TEST(ChildProcess, TruncatesLongLines) {
   Lines lines;
   ChildOptions options = shell("printf 'abcdefgh'; printf 'ijkl\\nm\\n'", lines);
   options.max_line = 5;
@@ -56,7 +56,7 @@ TEST(ChildProcess, CutsLongLines) {
   EXPECT_THAT(lines.output, ElementsAre("abcde", "m"));
 }
 
-TEST(ChildProcess, WordsAreNoShellsBusiness) {
+TEST(ChildProcess, UsesNoShell) {
   Lines lines;
   ChildOptions options = shell("", lines);
   options.arguments = {"/bin/echo", "$(id)", "a b", ";"};
@@ -64,7 +64,7 @@ TEST(ChildProcess, WordsAreNoShellsBusiness) {
   EXPECT_THAT(lines.output, ElementsAre("$(id) a b ;"));
 }
 
-TEST(ChildProcess, GivesItsPipesAndNothingElse) {
+TEST(ChildProcess, PassesOnlyItsPipes) {
   Lines lines;
   const PipeEnds in = make_pipe();
   const PipeEnds out = make_pipe();
@@ -90,7 +90,7 @@ TEST(ChildProcess, GivesItsPipesAndNothingElse) {
   EXPECT_EQ(lines.output[1], "/dev/null");
 }
 
-TEST(ChildProcess, TellsWhatCannotBeStarted) {
+TEST(ChildProcess, ReportsAMissingProgram) {
   Lines lines;
   ChildOptions options = shell("", lines);
   options.arguments = {"/nonexistent/program"};
@@ -129,7 +129,7 @@ TEST(ChildProcess, IsInterruptedThenKilled) {
   EXPECT_FALSE(stubborn.is_running());
 }
 
-TEST(ChildProcess, TakesItsOwnChildrenAlong) {
+TEST(ChildProcess, KillsItsOwnChildren) {
   Lines lines;
   const PipeEnds alive = make_pipe();
   ChildOptions options = shell("sleep 1000 & sleep 1000 & exit 0", lines);
@@ -161,7 +161,7 @@ TEST(ChildProcess, TheDestructorKills) {
   ::close(alive.read_end);
 }
 
-TEST(ChildProcess, EndIsToldOnce) {
+TEST(ChildProcess, CallsOnEndOnce) {
   Lines lines;
   int calls = 0;
   std::size_t seen = 0;
@@ -179,7 +179,7 @@ TEST(ChildProcess, EndIsToldOnce) {
   EXPECT_EQ(seen, 2U);
 }
 
-TEST(ChildProcess, KilledBySignal) {
+TEST(ChildProcess, ReportsTheSignal) {
   Lines lines;
   const ChildEnd end = run(shell("kill -TERM $$", lines));
   EXPECT_EQ(end.signal, SIGTERM);

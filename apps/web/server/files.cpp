@@ -79,13 +79,13 @@ Json store_form(Workspace& workspace, const std::string& set, const Request& req
   std::unique_ptr<Upload> upload;
   std::string name;
   // No exception may pass through the parser: it is stored and thrown afterwards.
-  std::exception_ptr trouble;
+  std::exception_ptr pending_error;
   const auto guarded = [&](const auto& work) {
-    if (trouble) return;
+    if (pending_error) return;
     try {
       work();
     } catch (...) {
-      trouble = std::current_exception();
+      pending_error = std::current_exception();
     }
   };
   MultipartParser parser(
@@ -121,14 +121,14 @@ Json store_form(Workspace& workspace, const std::string& set, const Request& req
   } else {
     std::array<char, 65536> buffer{};
     ssize_t count = 0;
-    while (is_good && !trouble && (count = ::read(fd, buffer.data(), buffer.size())) > 0) {
+    while (is_good && !pending_error && (count = ::read(fd, buffer.data(), buffer.size())) > 0) {
       is_good = parser.feed({buffer.data(), static_cast<std::size_t>(count)});
     }
     ::close(fd);
   }
-  if (trouble) std::rethrow_exception(trouble);
-  if (!is_good) throw HttpError(400, "the form is malformed: " + parser.trouble());
-  if (!parser.is_complete()) throw HttpError(400, "the form is cut short");
+  if (pending_error) std::rethrow_exception(pending_error);
+  if (!is_good) throw HttpError(400, "the form is malformed: " + parser.error());
+  if (!parser.is_complete()) throw HttpError(400, "the form is incomplete");
   if (files.empty()) throw HttpError(400, "the form has no file; its field needs a file name");
   return files;
 }

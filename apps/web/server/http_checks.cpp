@@ -52,14 +52,14 @@ Response unauthorized(std::string_view message) {
 }
 
 Response too_many(int wait) {
-  Response response = error_response(429, fmt::format("too many tries; wait {} s", wait));
+  Response response = error_response(429, fmt::format("too many attempts; wait {} s", wait));
   response.headers.emplace_back("Retry-After", std::to_string(wait));
   return response;
 }
 
 }  // namespace
 
-std::optional<Response> HttpChecks::refusal(Pending& pending) {
+std::optional<Response> HttpChecks::refusal(PendingRequest& pending) {
   Request& request = pending.request;
   const std::string_view length = request.header("content-length");
   const auto bytes = to_integer(length, 0, std::int64_t{1} << 50);
@@ -78,9 +78,9 @@ std::optional<Response> HttpChecks::refusal(Pending& pending) {
 
   Router::Match match = router_.find(request.method, request.path);
   if (match.route == nullptr && match.allowed.empty())
-    return error_response(404, "there is nothing here; see /api/openapi.json");
+    return error_response(404, "no such address; /api/openapi.json lists them all");
   if (match.route == nullptr) {
-    Response response = error_response(405, "this address takes " + match.allowed);
+    Response response = error_response(405, "this address accepts " + match.allowed);
     response.headers.emplace_back("Allow", match.allowed);
     return response;
   }
@@ -111,13 +111,13 @@ std::optional<Response> HttpChecks::check_access(Request& request, const Router:
   if (is_change(request.method) &&
       !equals_in_constant_time(request.header("x-tarsier-csrf"), SignIns::csrf_of(*cookie)))
     return error_response(
-        403, "the header X-Tarsier-CSRF is missing or wrong; GET /api/session tells it");
+        403, "the header X-Tarsier-CSRF is missing or wrong; GET /api/session returns it");
   return std::nullopt;
 }
 
-std::optional<Response> HttpChecks::check_body(Pending& pending, bool has_length) const {
+std::optional<Response> HttpChecks::check_body(PendingRequest& pending, bool has_length) const {
   Request& request = pending.request;
-  const RouteOptions& wanted = pending.route->options;
+  const RouteOptions& options = pending.route->options;
   const std::string_view type = request.header("content-type");
   request.content_type = lower_case(trimmed(type.substr(0, type.find(';'))));
   if (!request.header("transfer-encoding").empty())
@@ -125,14 +125,14 @@ std::optional<Response> HttpChecks::check_body(Pending& pending, bool has_length
   if (!has_length && !request.header("content-length").empty())
     return error_response(400, "the Content-Length is malformed");
   if (pending.expected == 0) return std::nullopt;
-  if (request.method == "GET") return error_response(400, "a GET has no body");
-  if (!wanted.types.empty() && std::find(wanted.types.begin(), wanted.types.end(),
-                                         request.content_type) == wanted.types.end())
+  if (request.method == "GET") return error_response(400, "a GET request must not have a body");
+  if (!options.types.empty() && std::find(options.types.begin(), options.types.end(),
+                                          request.content_type) == options.types.end())
     return error_response(
-        415, fmt::format("the body must be of type {}", fmt::join(wanted.types, " or ")));
-  if (pending.expected > wanted.max_body)
-    return error_response(413, fmt::format("the body is larger than {} bytes", wanted.max_body));
-  if (!wanted.spool) {
+        415, fmt::format("the body must be of type {}", fmt::join(options.types, " or ")));
+  if (pending.expected > options.max_body)
+    return error_response(413, fmt::format("the body is larger than {} bytes", options.max_body));
+  if (!options.spool) {
     request.body.reserve(pending.expected);
     return std::nullopt;
   }

@@ -11,7 +11,7 @@
 namespace tarsier::web {
 
 // A request that is being received.
-struct Pending {
+struct PendingRequest {
   std::string target;  // as in the request line
   bool has_begun = false;
   Request request;
@@ -21,10 +21,10 @@ struct Pending {
   int spool = -1;
   std::string spool_path;
 
-  Pending() = default;
-  Pending(const Pending&) = delete;
-  Pending& operator=(const Pending&) = delete;
-  ~Pending() {
+  PendingRequest() = default;
+  PendingRequest(const PendingRequest&) = delete;
+  PendingRequest& operator=(const PendingRequest&) = delete;
+  ~PendingRequest() {
     if (spool >= 0) ::close(spool);
     if (!spool_path.empty()) (void)::unlink(spool_path.c_str());
   }
@@ -38,12 +38,12 @@ class HttpChecks {
       : options_(options), router_(router), sign_ins_(sign_ins), audit_(audit) {}
 
   // The reason why the request is refused, or nullopt; fills `pending`.
-  [[nodiscard]] std::optional<Response> refusal(Pending& pending);
+  [[nodiscard]] std::optional<Response> refusal(PendingRequest& pending);
 
  private:
   [[nodiscard]] bool behind_proxy() const { return !options_.rules.proxy_origin.empty(); }
   std::optional<Response> check_access(Request& request, const Router::Route& route);
-  std::optional<Response> check_body(Pending& pending, bool has_length) const;
+  std::optional<Response> check_body(PendingRequest& pending, bool has_length) const;
 
   const HttpServerOptions& options_;
   const Router& router_;

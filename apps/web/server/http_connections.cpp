@@ -36,16 +36,16 @@ std::chrono::steady_clock::duration seconds(double value) {
 }  // namespace
 
 void HttpConnections::start() {
-  keeper_ = std::thread([this] { keep(); });
+  watchdog_ = std::thread([this] { run_watchdog(); });
 }
 
-void HttpConnections::enter(Connection* connection, Phase phase, double patience_s) {
+void HttpConnections::enter(Connection* connection, Phase phase, double timeout_s) {
   if (connection == nullptr) return;
   const std::lock_guard lock(mutex_);
   connection->phase = phase;
   connection->since = Clock::now();
   connection->deadline =
-      patience_s > 0 ? connection->since + seconds(patience_s) : Clock::time_point::max();
+      timeout_s > 0 ? connection->since + seconds(timeout_s) : Clock::time_point::max();
 }
 
 void HttpConnections::begin_head(Connection* connection) {
@@ -84,20 +84,20 @@ Connection* HttpConnections::to_evict(const std::string* address, const Connecti
   return found;
 }
 
-void HttpConnections::make_room(Connection& fresh) {
+void HttpConnections::make_room(Connection& added) {
   unsigned all = 0;
   unsigned same = 0;
   for (const Connection* connection : connections_) {
     if (connection->is_ended) continue;
     ++all;
-    if (connection->address == fresh.address) ++same;
+    if (connection->address == added.address) ++same;
   }
   const auto evict = [&](const std::string* address) {
-    Connection* oldest = to_evict(address, &fresh);
-    end(oldest != nullptr ? *oldest : fresh);
+    Connection* oldest = to_evict(address, &added);
+    end(oldest != nullptr ? *oldest : added);
   };
   if (same > options_.max_per_address) {
-    evict(&fresh.address);
+    evict(&added.address);
   } else if (all > options_.max_connections) {
     evict(nullptr);
   }
@@ -135,7 +135,7 @@ void HttpConnections::remove(Connection* connection) {
 }
 
 // Closes connections whose time limit has passed.
-void HttpConnections::keep() {
+void HttpConnections::run_watchdog() {
   std::unique_lock lock(mutex_);
   while (!closing_) {
     changed_.wait_for(lock, std::chrono::milliseconds(500), [&] { return closing_; });
@@ -152,7 +152,7 @@ void HttpConnections::close() {
     closing_ = true;
   }
   changed_.notify_all();
-  if (keeper_.joinable()) keeper_.join();
+  if (watchdog_.joinable()) watchdog_.join();
 }
 
 bool HttpConnections::is_closing() const {
@@ -160,10 +160,10 @@ bool HttpConnections::is_closing() const {
   return closing_;
 }
 
-void HttpConnections::end_all(std::chrono::milliseconds patience) {
+void HttpConnections::end_all(std::chrono::milliseconds timeout) {
   std::unique_lock lock(mutex_);
   for (const Connection* connection : connections_) (void)::shutdown(connection->socket, SHUT_RDWR);
-  (void)changed_.wait_for(lock, patience, [&] { return connections_.empty(); });
+  (void)changed_.wait_for(lock, timeout, [&] { return connections_.empty(); });
 }
 
 }  // namespace tarsier::web

@@ -13,7 +13,7 @@ struct sockaddr;
 
 namespace tarsier::web {
 
-enum class Phase { kFirstHead, kIdle, kHead, kBody, kHandler, kAnswer, kStream };
+enum class Phase { kFirstHead, kIdle, kHead, kBody, kHandler, kResponse, kStream };
 
 struct Connection {
   int socket = -1;
@@ -40,7 +40,7 @@ class HttpConnections {
   [[nodiscard]] Connection* add(int socket, const sockaddr* from);
   void remove(Connection* connection);
   // Sets the phase and its time limit; 0: no limit. A null connection is ignored.
-  void enter(Connection* connection, Phase phase, double patience_s);
+  void enter(Connection* connection, Phase phase, double timeout_s);
   // A request line arrived: its head must be complete head_s from now; for the first request head_s
   // counts from the beginning.
   void begin_head(Connection* connection);
@@ -49,16 +49,16 @@ class HttpConnections {
   // From now on every new connection is closed at once.
   void close();
   [[nodiscard]] bool is_closing() const;
-  // Closes all connections and waits until they are gone, at most `patience`.
-  void end_all(std::chrono::milliseconds patience);
+  // Closes all connections and waits until they are gone, at most `timeout`.
+  void end_all(std::chrono::milliseconds timeout);
 
  private:
   using Clock = std::chrono::steady_clock;
   // Call these with the mutex held.
   void end(Connection& connection);
   Connection* to_evict(const std::string* address, const Connection* except);
-  void make_room(Connection& fresh);
-  void keep();
+  void make_room(Connection& added);
+  void run_watchdog();
 
   const HttpServerOptions& options_;
   HttpCounters& counters_;
@@ -66,7 +66,7 @@ class HttpConnections {
   std::condition_variable changed_;
   std::set<Connection*> connections_;
   bool closing_ = false;
-  std::thread keeper_;
+  std::thread watchdog_;
 };
 
 }  // namespace tarsier::web

@@ -7,9 +7,9 @@
 
 #include <fmt/format.h>
 
-#include "http_answer.h"
 #include "http_checks.h"
 #include "http_connections.h"
+#include "mhd_response.h"
 #include "sign_ins_api.h"
 #include <algorithm>
 #include <cerrno>
@@ -78,7 +78,7 @@ struct HttpServer::Impl {
     auto& server = *static_cast<Impl*>(cls);
     server.connections.begin_head(connection_of(handle));
     try {
-      auto pending = std::make_unique<Pending>();
+      auto pending = std::make_unique<PendingRequest>();
       pending->target = uri;
       return pending.release();  // note_completed owns it
     } catch (const std::bad_alloc&) {
@@ -103,7 +103,7 @@ struct HttpServer::Impl {
     auto& server = *static_cast<Impl*>(cls);
     try {
       Connection* connection = connection_of(handle);
-      auto* pending = static_cast<Pending*>(*context);
+      auto* pending = static_cast<PendingRequest*>(*context);
       if (pending == nullptr || connection == nullptr) return MHD_NO;
       if (!std::exchange(pending->has_begun, true))
         return server.begin(handle, *connection, *pending, method);
@@ -122,13 +122,13 @@ struct HttpServer::Impl {
   static void note_completed(void* cls, MHD_Connection* handle, void** context,
                              MHD_RequestTerminationCode) {
     auto& server = *static_cast<Impl*>(cls);
-    delete static_cast<Pending*>(*context);
+    delete static_cast<PendingRequest*>(*context);
     *context = nullptr;
     server.connections.enter(connection_of(handle), Phase::kIdle, server.options.idle_s);
   }
 
   // The head has arrived: make all checks that need only the head.
-  MHD_Result begin(MHD_Connection* handle, Connection& connection, Pending& pending,
+  MHD_Result begin(MHD_Connection* handle, Connection& connection, PendingRequest& pending,
                    const char* method) {
     ++counters.requests;
     Request& request = pending.request;
@@ -157,7 +157,7 @@ struct HttpServer::Impl {
   }
 
   // Takes a piece of the body; false ends the connection.
-  static bool take(Pending& pending, std::string_view bytes) {
+  static bool take(PendingRequest& pending, std::string_view bytes) {
     pending.request.body_bytes += bytes.size();
     if (pending.request.body_bytes > pending.expected) return false;
     if (pending.refusal) return true;
@@ -183,7 +183,7 @@ struct HttpServer::Impl {
     return true;
   }
 
-  MHD_Result finish(MHD_Connection* handle, Connection& connection, Pending& pending) {
+  MHD_Result finish(MHD_Connection* handle, Connection& connection, PendingRequest& pending) {
     if (pending.refusal) return send(handle, connection, std::move(*pending.refusal), "GET");
     connections.enter(&connection, Phase::kHandler, 0);
     (void)MHD_set_connection_option(handle, MHD_CONNECTION_OPTION_TIMEOUT, kHandlerSeconds);
@@ -203,7 +203,7 @@ struct HttpServer::Impl {
       response = error_response(503, "out of memory; try again with less");
     } catch (const std::exception& error) {
       log_warning("{} {}: {}", pending.request.method, pending.request.path, error.what());
-      response = error_response(500, "the server failed; its log tells more");
+      response = error_response(500, "the server failed; see its log");
     }
     if (response.status == 200 && !pending.request.header("if-none-match").empty()) {
       for (const auto& [name, value] : response.headers) {
@@ -230,8 +230,8 @@ struct HttpServer::Impl {
     } else if (response.status >= 400) {
       ++counters.refused;
     }
-    const HttpAnswer answer =
-        make_answer(response, range, connection.socket, connections, counters);
+    const MhdResponse answer =
+        make_mhd_response(response, range, connection.socket, connections, counters);
     if (answer.body == nullptr) return MHD_NO;
     if (answer.is_stream) {
       (void)MHD_set_connection_option(handle, MHD_CONNECTION_OPTION_TIMEOUT, kStreamStallSeconds);
@@ -239,7 +239,7 @@ struct HttpServer::Impl {
     } else {
       counters.bytes += answer.bytes;
       connections.enter(
-          &connection, Phase::kAnswer,
+          &connection, Phase::kResponse,
           options.body_s * 2 + 2 * static_cast<double>(answer.bytes) / kSlowestBytesPerSecond);
     }
     const MHD_Result result =

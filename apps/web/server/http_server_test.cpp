@@ -34,7 +34,7 @@ TEST(Target, IsDecodedAndChecked) {
   EXPECT_FALSE(parse_target("/" + std::string(9000, 'a')));
 }
 
-TEST(Range, OfOnePiece) {
+TEST(Range, ParsesASingleRange) {
   bool unsatisfiable = false;
   const auto range = [&](std::string_view text, std::uint64_t size) {
     const auto found = parse_range(text, size, unsatisfiable);
@@ -73,8 +73,8 @@ class HttpServerTest : public FolderTest {
     name.sin_port = htons(port_);
     name.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     EXPECT_EQ(::connect(fd, reinterpret_cast<sockaddr*>(&name), sizeof name), 0);
-    timeval patience{20, 0};
-    ::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    timeval timeout{20, 0};
+    ::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
     return fd;
   }
   static std::string rest_of(int fd) {
@@ -111,7 +111,7 @@ class HttpServerTest : public FolderTest {
   std::uint16_t port_ = 0;
 };
 
-TEST_F(HttpServerTest, ErrorsOfHandlersBecomeAnswers) {
+TEST_F(HttpServerTest, ErrorsOfHandlersBecomeResponses) {
   router_.add(
       "GET", "/http", [](const Request&) -> Response { throw HttpError(418, "no coffee"); },
       Access::kPublic);
@@ -124,7 +124,7 @@ TEST_F(HttpServerTest, ErrorsOfHandlersBecomeAnswers) {
   EXPECT_THAT(ask("GET /other"), AllOf(StartsWith("HTTP/1.1 500"), Not(HasSubstr("secret path"))));
 }
 
-TEST_F(HttpServerTest, AHandlerMayTakeLongerThanAClientMay) {
+TEST_F(HttpServerTest, SlowHandlersAreNotClosed) {
   router_.add(
       "GET", "/slow",
       [](const Request&) {
@@ -158,7 +158,7 @@ TEST_F(HttpServerTest, BodiesOfFilesAreSpooledAndRemoved) {
   EXPECT_FALSE(std::filesystem::exists(where));
 }
 
-TEST_F(HttpServerTest, LargeBodiesAreRefusedUnread) {
+TEST_F(HttpServerTest, LargeBodiesAreRefusedBeforeTheyAreRead) {
   router_.add("PUT", "/file", [](const Request&) { return no_content(); }, Access::kSignedIn,
               {.max_body = 1000, .spool = true, .types = {}});
   start();
@@ -169,7 +169,7 @@ TEST_F(HttpServerTest, LargeBodiesAreRefusedUnread) {
   EXPECT_THAT(rest_of(fd), StartsWith("HTTP/1.1 413"));
 }
 
-TEST_F(HttpServerTest, FilesInRanges) {
+TEST_F(HttpServerTest, SendsRangesOfFiles) {
   std::ofstream(folder_ + "/x.bin") << "0123456789";
   router_.add(
       "GET", "/x",
@@ -237,7 +237,7 @@ TEST_F(HttpServerTest, HeadsThatTakeTooLongAreClosed) {
   EXPECT_EQ(server_->counters().evicted, 1U);
 }
 
-TEST_F(HttpServerTest, TheOldestMakesRoom) {
+TEST_F(HttpServerTest, TheOldestConnectionIsEvicted) {
   HttpServerOptions options;
   options.max_per_address = 3;
   router_.add(

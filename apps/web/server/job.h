@@ -16,7 +16,7 @@ struct Jobs::Job {
   std::string id;
   VerbRequest request;
   std::string name;
-  std::string shown;  // the command
+  std::string shell_text;  // the command
   JobState state = JobState::kQueued;
   nlohmann::json progress;
   double created = 0, started = 0, ended = 0;
@@ -28,7 +28,7 @@ struct Jobs::Job {
   std::unique_ptr<ChildProcess> child;
   std::optional<ChildEnd> end;
   bool cancelled = false;
-  std::string stopped_because;  // reason, if the server stopped it
+  std::string stop_reason;  // reason, if the server stopped it
   std::string last_error;
   BoundedFile output, log;
   bool is_new = true;  // has a change to publish

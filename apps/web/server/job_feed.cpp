@@ -23,7 +23,7 @@ void JobFeed::publish(const std::string& id, std::string json) {
 }
 
 std::vector<std::pair<std::string, std::string>> JobFeed::since(std::uint64_t& last,
-                                                                std::size_t most) const {
+                                                                std::size_t max_count) const {
   const std::lock_guard lock(mutex_);
   std::vector<std::pair<std::uint64_t, const std::string*>> found;
   if (newest_ > last) {
@@ -32,7 +32,7 @@ std::vector<std::pair<std::string, std::string>> JobFeed::since(std::uint64_t& l
     }
   }
   std::sort(found.begin(), found.end());
-  if (found.size() > most) found.resize(most);
+  if (found.size() > max_count) found.resize(max_count);
   std::vector<std::pair<std::string, std::string>> result;
   for (const auto& [number, id] : found) {
     result.emplace_back(*id, entries_.at(*id).json);

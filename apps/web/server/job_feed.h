@@ -17,9 +17,9 @@ class JobFeed {
  public:
   // `json` is the Job as in the API; for a deleted job {"id","state":"deleted"}.
   void publish(const std::string& id, std::string json);
-  // The states published after `last`, oldest first, at most `most`; advances `last`.
-  [[nodiscard]] std::vector<std::pair<std::string, std::string>> since(std::uint64_t& last,
-                                                                       std::size_t most = 64) const;
+  // The states published after `last`, oldest first, at most `max_count`; advances `last`.
+  [[nodiscard]] std::vector<std::pair<std::string, std::string>> since(
+      std::uint64_t& last, std::size_t max_count = 64) const;
   [[nodiscard]] std::uint64_t newest() const;
   // `wake` is called after each publish(), in its thread (live.cpp wakes its viewers).
   void on_publish(std::function<void()> wake);

@@ -20,28 +20,28 @@ using Json = nlohmann::json;
 
 }  // namespace
 
-void BoundedFile::open(const std::string& path, std::uint64_t most, bool fresh) {
+void BoundedFile::open(const std::string& path, std::uint64_t max_bytes, bool truncate) {
   close();
-  fd_ =
-      ::open(path.c_str(),
-             O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW | (fresh ? O_TRUNC : 0), 0600);
+  fd_ = ::open(path.c_str(),
+               O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW | (truncate ? O_TRUNC : 0),
+               0600);
   struct stat status {};
   written_ =
       fd_ >= 0 && ::fstat(fd_, &status) == 0 ? static_cast<std::uint64_t>(status.st_size) : 0;
-  most_ = most;
+  max_bytes_ = max_bytes;
 }
 
 void BoundedFile::add(std::string_view line) {
-  if (fd_ < 0 || written_ > most_) return;
+  if (fd_ < 0 || written_ > max_bytes_) return;
   std::string text(line);
   text += '\n';
-  if (written_ + text.size() > most_) text = "(more is left out)\n";
-  written_ += text.size() + (text.front() == '(' ? most_ : 0);
+  if (written_ + text.size() > max_bytes_) text = "(further lines were dropped)\n";
+  written_ += text.size() + (text.front() == '(' ? max_bytes_ : 0);
   try {
     write_all(fd_, text, "job");
   } catch (const Error& error) {
     log_warning("a job's lines: {}", error.what());
-    written_ = most_ + 1;
+    written_ = max_bytes_ + 1;
   }
 }
 
@@ -73,13 +73,13 @@ std::deque<std::string> tail_of(const std::string& path, std::size_t lines) {
 }
 
 std::string shortened(const std::string& line) {
-  constexpr std::size_t kMost = 500;
+  constexpr std::size_t kMaxListLength = 500;
   const Json whole = Json::parse(line, nullptr, false);
   if (!whole.is_object()) return {};
   Json object = whole;
   for (const auto& [name, value] : whole.items()) {
-    if (!value.is_array() || value.size() <= kMost) continue;
-    object[name] = Json(std::vector<Json>(value.begin(), value.begin() + kMost));
+    if (!value.is_array() || value.size() <= kMaxListLength) continue;
+    object[name] = Json(std::vector<Json>(value.begin(), value.begin() + kMaxListLength));
     object[name + "_count"] = value.size();
   }
   return to_text(object);

@@ -18,14 +18,14 @@ class BoundedFile {
   ~BoundedFile() { close(); }
   BoundedFile(const BoundedFile&) = delete;
   BoundedFile& operator=(const BoundedFile&) = delete;
-  void open(const std::string& path, std::uint64_t most, bool fresh);
+  void open(const std::string& path, std::uint64_t max_bytes, bool truncate);
   void add(std::string_view line);
   void close();
 
  private:
   int fd_ = -1;
   std::uint64_t written_ = 0;
-  std::uint64_t most_ = 0;
+  std::uint64_t max_bytes_ = 0;
 };
 
 // The last lines of a file.

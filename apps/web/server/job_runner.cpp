@@ -67,7 +67,7 @@ void Jobs::begin(const std::shared_ptr<Job>& job, Lock& lock) {
   job->started = now_seconds();
   job->end.reset();
   job->last_error.clear();
-  job->stopped_because.clear();
+  job->stop_reason.clear();
   job->is_new = true;
   const auto fail = [&](const std::string& why) {
     job->state = JobState::kFailed;
@@ -89,7 +89,7 @@ void Jobs::begin(const std::shared_ptr<Job>& job, Lock& lock) {
     options.on_message = [this, raw](std::string_view line) { take_message(*raw, line); };
     lock.unlock();
     std::unique_ptr<ChildProcess> child;
-    std::string trouble;
+    std::string problem;
     try {
       child = std::make_unique<ChildProcess>(std::move(options), [this, raw](const ChildEnd& end) {
         const Lock inner(mutex_);
@@ -97,12 +97,12 @@ void Jobs::begin(const std::shared_ptr<Job>& job, Lock& lock) {
         changed_.notify_all();
       });
     } catch (const std::exception& error) {
-      trouble = error.what();
+      problem = error.what();
     }
     lock.lock();
-    if (!child) return fail(trouble);
+    if (!child) return fail(problem);
     job->child = std::move(child);
-    if (job->cancelled || ending_) job->child->interrupt(options_.patience);
+    if (job->cancelled || is_stopping_) job->child->interrupt(options_.kill_delay);
   } catch (const std::exception& error) {  // a set that was deleted meanwhile, a full disk
     if (!lock.owns_lock()) lock.lock();
     fail(error.what());
@@ -121,12 +121,12 @@ void Jobs::finish(const std::shared_ptr<Job>& job, Lock& lock) {
   job->ended = now_seconds();
   const bool is_done = end.exit == static_cast<int>(ExitStatus::kDone) ||
                        end.exit == static_cast<int>(ExitStatus::kNothingFound);
-  if (!job->stopped_because.empty()) {
+  if (!job->stop_reason.empty()) {
     job->state = JobState::kFailed;
-    job->error = job->stopped_because;
-  } else if (ending_ && !job->cancelled && !is_done) {
+    job->error = job->stop_reason;
+  } else if (is_stopping_ && !job->cancelled && !is_done) {
     job->state = JobState::kInterrupted;
-    job->error = "the studio was stopped while it ran; start it again";
+    job->error = "the studio was stopped during the job; start the job again";
   } else if (job->cancelled && !is_done) {
     job->state = JobState::kCancelled;
     job->error.clear();
@@ -151,17 +151,17 @@ void Jobs::publish(Job& job) {
 }
 
 void Jobs::check_space() {
-  std::string trouble;
+  std::string problem;
   try {
     host_.workspace.check_space(0);
   } catch (const HttpError& error) {
-    trouble = error.what();
+    problem = error.what();
   }
-  if (trouble.empty()) return;
+  if (problem.empty()) return;
   for (const auto& [id, job] : jobs_) {
-    if (job->state != JobState::kRunning || !job->child || !job->stopped_because.empty()) continue;
-    job->stopped_because = trouble;
-    job->child->interrupt(options_.patience);
+    if (job->state != JobState::kRunning || !job->child || !job->stop_reason.empty()) continue;
+    job->stop_reason = problem;
+    job->child->interrupt(options_.kill_delay);
   }
 }
 
@@ -177,7 +177,7 @@ void Jobs::schedule() {
         if (job->state == JobState::kRunning) ++running;
         if (job->state == JobState::kQueued && !next) next = job;
       }
-      const bool starts = next && running < options_.parallel && !ending_;
+      const bool starts = next && running < options_.parallel && !is_stopping_;
       if (starts) begin(next, lock);
       const auto now = Clock::now();
       for (const auto& [id, job] : jobs_) {
@@ -188,12 +188,12 @@ void Jobs::schedule() {
         space = now;
         check_space();
       }
-      if (ending_ && running == 0) return;
+      if (is_stopping_ && running == 0) return;
       if (starts) continue;
     } catch (const std::exception& error) {  // a full disk: the state in memory is kept
       log_warning("jobs: {}", error.what());
       if (!lock.owns_lock()) lock.lock();
-      if (ending_) return;
+      if (is_stopping_) return;
     }
     const bool busy = std::any_of(jobs_.begin(), jobs_.end(), [](const auto& entry) {
       return !is_over(entry.second->state) || entry.second->is_new;

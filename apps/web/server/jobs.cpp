@@ -76,7 +76,7 @@ void Jobs::stop() {
   std::vector<std::shared_ptr<Job>> running;
   {
     const std::lock_guard lock(mutex_);
-    ending_ = true;
+    is_stopping_ = true;
     for (const auto& [id, job] : jobs_) {
       if (job->state == JobState::kRunning && job->child) {
         job->child->interrupt(std::chrono::milliseconds(400));
@@ -92,7 +92,7 @@ void Jobs::stop() {
     job->child.reset();  // kills remaining processes
     if (job->state == JobState::kRunning) {
       job->state = JobState::kInterrupted;
-      job->error = "the studio was stopped while it ran";
+      job->error = "the studio was stopped during the job";
       job->ended = now_seconds();
       save(*job);
     }
@@ -106,7 +106,7 @@ Json Jobs::stored(const Job& job) {
           {"inputs", job.request.inputs},
           {"flags", job.request.flags},
           {"name", job.name},
-          {"command", job.shown},
+          {"command", job.shell_text},
           {"state", name_of(job.state)},
           {"progress", job.progress},
           {"created", job.created},
@@ -132,7 +132,7 @@ void Jobs::load() {
       (void)host_.workspace.job_folder(job->id);
       job->request = verb_request(json);
       job->name = json.value("name", "");
-      job->shown = json.value("command", "");
+      job->shell_text = json.value("command", "");
       job->state = state_of(json.value("state", ""));
       if (json.contains("progress")) job->progress = json["progress"];
       job->created = json.value("created", 0.0);
@@ -144,13 +144,13 @@ void Jobs::load() {
       job->lines = tail_of(folder + "/lines.jsonl", options_.lines);
       if (job->state == JobState::kRunning) {
         job->state = JobState::kInterrupted;
-        job->error = "the studio ended while it ran; start it again";
+        job->error = "the studio ended during the job; start the job again";
         job->ended = now_seconds();
         save(*job);
       }
       jobs_[job->id] = std::move(job);
-    } catch (const std::exception& trouble) {  // not a job, or corrupt: it is left unchanged
-      log_warning("{}: no job: {}", folder, trouble.what());
+    } catch (const std::exception& failure) {  // not a job, or corrupt: it is left unchanged
+      log_warning("{}: no job: {}", folder, failure.what());
     }
   }
 }
@@ -192,19 +192,19 @@ Json Jobs::start(const Json& object, const std::string& address) {
     throw HttpError(400, "name: expected one line of at most 200 bytes");
   const std::string folder = host_.workspace.job_folder(job->id);
   const CommandLine command = host_.command(job->request, Use::kJob, folder + "/files");
-  job->shown = command.shown;
+  job->shell_text = command.shell_text;
   host_.workspace.check_space(0);
 
   const Lock lock(mutex_);
-  if (jobs_.size() >= options_.kept) {
-    throw HttpError(429, fmt::format("{} jobs are kept already; delete some", jobs_.size()));
+  if (jobs_.size() >= options_.max_jobs) {
+    throw HttpError(429, fmt::format("there are already {} jobs; delete some", jobs_.size()));
   }
   const auto queued = std::count_if(jobs_.begin(), jobs_.end(), [](const auto& entry) {
     return entry.second->state == JobState::kQueued;
   });
-  if (static_cast<std::size_t>(queued) >= options_.queued) {
-    throw HttpError(429,
-                    fmt::format("{} jobs wait already; cancel some, or come back later", queued));
+  if (static_cast<std::size_t>(queued) >= options_.max_queued) {
+    throw HttpError(
+        429, fmt::format("{} jobs are already waiting; cancel some, or try again later", queued));
   }
   if (::mkdir(folder.c_str(), 0700) != 0 || ::mkdir((folder + "/files").c_str(), 0700) != 0) {
     throw HttpError(507, fmt::format("the job's folder cannot be made: {}", std::strerror(errno)));
@@ -212,7 +212,7 @@ Json Jobs::start(const Json& object, const std::string& address) {
   job->created = now_seconds();
   save(*job);
   sync_folder(folder);
-  host_.tell_audit(command, job->request, address);
+  host_.write_audit(command, job->request, address);
   jobs_[job->id] = job;
   Json answer = json_of(*job, true);
   changed_.notify_all();
@@ -236,10 +236,10 @@ Json Jobs::get(const std::string& id) const {
 void Jobs::cancel(const std::string& id) {
   const Lock lock(mutex_);
   const auto job = find(id);
-  if (is_over(job->state)) throw HttpError(409, "the job is over");
+  if (is_over(job->state)) throw HttpError(409, "the job has ended");
   job->cancelled = true;
   if (job->state == JobState::kRunning) {
-    if (job->child) job->child->interrupt(options_.patience);
+    if (job->child) job->child->interrupt(options_.kill_delay);
   } else {
     job->state = JobState::kCancelled;
     job->ended = now_seconds();
@@ -252,7 +252,7 @@ void Jobs::cancel(const std::string& id) {
 void Jobs::remove(const std::string& id) {
   const Lock lock(mutex_);
   const auto job = find(id);
-  if (!is_over(job->state)) throw HttpError(409, "the job is not over; cancel it first");
+  if (!is_over(job->state)) throw HttpError(409, "the job has not ended; cancel it first");
   const std::string folder = host_.workspace.job_folder(id);
   ::unlink((folder + "/job.json").c_str());  // first: after a kill the rest is not taken for a job
   host_.workspace.forget_thumbnails(folder);
@@ -263,16 +263,16 @@ void Jobs::remove(const std::string& id) {
   feed_.publish(id, to_text(Json{{"id", id}, {"state", "deleted"}}));
 }
 
-Json Jobs::again(const std::string& id, const std::string& address) {
-  Json fresh;
+Json Jobs::restart(const std::string& id, const std::string& address) {
+  Json new_request;
   {
     const Lock lock(mutex_);
     const auto job = find(id);
-    if (!is_over(job->state)) throw HttpError(409, "the job is not over");
+    if (!is_over(job->state)) throw HttpError(409, "the job has not ended");
     if (job->state != JobState::kDone) {
       const CommandLine command =
           host_.command(job->request, Use::kJob, host_.workspace.job_folder(id) + "/files");
-      job->shown = command.shown;
+      job->shell_text = command.shell_text;
       job->state = JobState::kQueued;
       job->progress = nullptr;
       job->started = job->ended = 0;
@@ -282,16 +282,16 @@ Json Jobs::again(const std::string& id, const std::string& address) {
       job->cancelled = false;
       job->is_new = true;
       save(*job);
-      host_.tell_audit(command, job->request, address);
+      host_.write_audit(command, job->request, address);
       changed_.notify_all();
       return json_of(*job, true);
     }
-    fresh = {{"verb", job->request.verb},
-             {"inputs", job->request.inputs},
-             {"flags", job->request.flags},
-             {"name", job->name}};
+    new_request = {{"verb", job->request.verb},
+                   {"inputs", job->request.inputs},
+                   {"flags", job->request.flags},
+                   {"name", job->name}};
   }
-  return start(fresh, address);
+  return start(new_request, address);
 }
 
 std::map<std::string, int> Jobs::count_by_state() const {
@@ -318,7 +318,7 @@ void Jobs::forget_name_now(const std::string& name) {
     if (!is_theirs || !is_over(job->state)) continue;
     std::replace(inputs.begin(), inputs.end(), name, std::string(kForgotten));
     if (job->name.find(name) != std::string::npos) job->name = kForgotten;
-    job->shown = "tarsier " + job->request.verb;
+    job->shell_text = "tarsier " + job->request.verb;
     for (std::string& line : job->lines) {
       Json object = Json::parse(line, nullptr, false);
       if (object.is_object() && object.value("name", Json()) == Json(name))

@@ -42,8 +42,8 @@ struct VerbHost {
                                     const std::string& output_folder) const;
   // Writes relevant events to the audit log. It contains a hash instead of a person's name, because
   // the log outlives people who were forgotten.
-  void tell_audit(const CommandLine& line, const VerbRequest& request,
-                  const std::string& address) const;
+  void write_audit(const CommandLine& line, const VerbRequest& request,
+                   const std::string& address) const;
   // Options of a child process for this command; the child sees no display.
   [[nodiscard]] ChildOptions child(const CommandLine& line, const std::string& folder) const;
   // A line of output as pages may see it: without addresses of sources, with references instead of
@@ -55,13 +55,13 @@ enum class JobState { kQueued, kRunning, kDone, kFailed, kCancelled, kInterrupte
 [[nodiscard]] std::string_view name_of(JobState state);  // "queued", ..
 
 struct JobOptions {
-  int parallel = 1;                            // children at the same time, 1..16
-  std::size_t queued = 50;                     // maximum
-  std::size_t kept = 500;                      // maximum, in any state
-  std::size_t lines = 100;                     // of stdout in API responses
-  std::uint64_t line_bytes = 256ULL << 20U;    // limit of lines.jsonl; further lines are dropped
-  std::uint64_t log_bytes = 4ULL << 20U;       // limit of log.txt; further lines are dropped
-  std::chrono::milliseconds patience{10'000};  // from SIGINT to SIGKILL
+  int parallel = 1;  // children at the same time, 1..16
+  std::size_t max_queued = 50;
+  std::size_t max_jobs = 500;                    // in any state
+  std::size_t lines = 100;                       // of stdout in API responses
+  std::uint64_t line_bytes = 256ULL << 20U;      // limit of lines.jsonl; further lines are dropped
+  std::uint64_t log_bytes = 4ULL << 20U;         // limit of log.txt; further lines are dropped
+  std::chrono::milliseconds kill_delay{10'000};  // from SIGINT to SIGKILL
 };
 
 // Long work, one child process per job, stored in the workspace:
@@ -90,7 +90,7 @@ class Jobs {
   void remove(const std::string& id);  // 409 if it has not ended
   // A job that was interrupted runs again in its folder, so that verbs with checkpoints continue.
   // For a job that is done a new job is made.
-  nlohmann::json again(const std::string& id, const std::string& address);
+  nlohmann::json restart(const std::string& id, const std::string& address);
   // Removes the name of a forgotten person from the stored requests, lines and logs of jobs about
   // people. A job of `people forget` does this by itself.
   void forget_name(const std::string& name);
@@ -120,7 +120,7 @@ class Jobs {
   const JobOptions options_;
   mutable std::mutex mutex_;
   std::condition_variable changed_;
-  bool ending_ = false;
+  bool is_stopping_ = false;
   std::map<std::string, std::shared_ptr<Job>> jobs_;  // sorted by id, which is also by time
   std::thread scheduler_;
 };

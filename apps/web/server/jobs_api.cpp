@@ -25,7 +25,7 @@ void bind_jobs(Router& router, Jobs& jobs, Workspace& workspace, AuditLog& audit
     return json_response(jobs.get(request.param("id")), 202);
   });
   router.add("POST", "/api/jobs/{id}/again", [&](const Request& request) {
-    return json_response(jobs.again(request.param("id"), request.address), 201);
+    return json_response(jobs.restart(request.param("id"), request.address), 201);
   });
   // Text: the verb's log, and its JSON lines.
   const auto add_text = [&](const std::string& pattern, const std::string& file) {

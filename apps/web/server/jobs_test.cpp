@@ -117,7 +117,7 @@ class JobsTest : public testing::Test {
   std::unique_ptr<Jobs> jobs_;
 };
 
-TEST_F(JobsTest, RunsToItsEnd) {
+TEST_F(JobsTest, RunsToTheEnd) {
   const std::string id = start("good");
   const Json job = over(id);
   EXPECT_EQ(job["state"], "done");
@@ -133,13 +133,13 @@ TEST_F(JobsTest, RunsToItsEnd) {
   EXPECT_THAT(feed_.since(last), Not(IsEmpty()));
 }
 
-TEST_F(JobsTest, TellsWhatWentWrong) {
+TEST_F(JobsTest, ReportsErrors) {
   EXPECT_EQ(over(start("bad"))["error"], "it is bad");
   EXPECT_EQ(over(start("bad"))["state"], "failed");
   EXPECT_THAT(over(start("crash"))["error"].get<std::string>(), HasSubstr("signal 11"));
 }
 
-TEST_F(JobsTest, TakesThemInTheOrderInWhichTheyCame) {
+TEST_F(JobsTest, RunsInOrderOfSubmission) {
   std::vector<std::string> ids;
   for (int n = 0; n < 8; ++n) ids.push_back(start("wait"));
   EXPECT_TRUE(std::is_sorted(ids.begin(), ids.end()));
@@ -148,7 +148,7 @@ TEST_F(JobsTest, TakesThemInTheOrderInWhichTheyCame) {
   for (const std::string& id : ids) EXPECT_EQ(over(id)["state"], "cancelled");
 }
 
-TEST_F(JobsTest, OneAtATimeAndCancel) {
+TEST_F(JobsTest, RunsOneAtATimeAndCancels) {
   const std::string first = start("wait"), second = start("wait");
   (void)running(first);
   EXPECT_EQ(jobs_->get(second)["state"], "queued");
@@ -163,7 +163,7 @@ TEST_F(JobsTest, OneAtATimeAndCancel) {
   EXPECT_FALSE(fs::exists(workspace_->job_folder(first)));
 }
 
-TEST_F(JobsTest, SurvivesTheServer) {
+TEST_F(JobsTest, SurvivesARestart) {
   const std::string done = start("good");
   (void)over(done);
   const std::string cut = start("wait"), waiting = start("good");
@@ -175,15 +175,15 @@ TEST_F(JobsTest, SurvivesTheServer) {
   EXPECT_EQ(jobs_->get(cut)["state"], "interrupted");
   EXPECT_EQ(over(waiting)["state"], "done");
   // Again: in its own folder.
-  EXPECT_EQ(jobs_->again(cut, "test")["id"], cut);
+  EXPECT_EQ(jobs_->restart(cut, "test")["id"], cut);
   (void)running(cut);
   jobs_->cancel(cut);
   EXPECT_EQ(over(cut)["state"], "cancelled");
-  EXPECT_NE(jobs_->again(done, "test")["id"], done);
+  EXPECT_NE(jobs_->restart(done, "test")["id"], done);
 }
 
 // A kill leaves "running" behind.
-TEST_F(JobsTest, KnowsWhatRanWhenTheServerWasKilled) {
+TEST_F(JobsTest, InterruptsJobsAfterAKill) {
   const std::string id = start("good");
   (void)over(id);
   end();
@@ -212,13 +212,13 @@ TEST_F(JobsTest, ShortensLongLists) {
   EXPECT_GT(fs::file_size(workspace_->job_folder(job["id"]) + "/lines.jsonl"), 300'000U);
 }
 
-TEST_F(JobsTest, KeepsWhatIsMeasured) {
+TEST_F(JobsTest, StoresMeasures) {
   const Json job = over(start("curve"));
   ASSERT_EQ(job["lines"].size(), 1U);
   EXPECT_EQ(job["lines"][0]["loss"], 0.5);
 }
 
-TEST_F(JobsTest, RefusesWhatMayNotBeStarted) {
+TEST_F(JobsTest, RefusesForbiddenVerbs) {
   EXPECT_THROW(jobs_->start({{"verb", "no such"}}, ""), UsageError);
   EXPECT_THROW(jobs_->start({{"verb", "models info"}, {"inputs", {"/etc/passwd"}}}, ""),
                UsageError);
@@ -228,9 +228,9 @@ TEST_F(JobsTest, RefusesWhatMayNotBeStarted) {
   EXPECT_TRUE(fs::is_empty(workspace_->jobs_folder()));
 }
 
-TEST_F(JobsTest, HasRoomForSoManyAlone) {
+TEST_F(JobsTest, LimitsTheNumberOfJobs) {
   end();
-  options_.queued = 1;
+  options_.max_queued = 1;
   begin();
   const std::string first = start("wait");
   (void)running(first);
@@ -241,14 +241,14 @@ TEST_F(JobsTest, HasRoomForSoManyAlone) {
   (void)over(first);
 }
 
-TEST_F(JobsTest, StopsWhereTheWorkspaceIsFull) {
+TEST_F(JobsTest, StopsWhenTheWorkspaceIsFull) {
   end();
   limits_.quota_bytes = 1;
   begin();
   EXPECT_THROW(start("good"), HttpError);
 }
 
-TEST_F(JobsTest, ForgetsNames) {
+TEST_F(JobsTest, RemovesNamesOfForgottenPeople) {
   verbs_ = VerbTable(R"({"verbs":[{"verb":"people forget","path":["people","forget"],"inputs":)"
                      R"([{"names":["NAME"],"required":true,"repeatable":false}],"flags":[]}]})");
   const Json request = {
@@ -268,7 +268,7 @@ TEST_F(JobsTest, ForgetsNames) {
   }
 }
 
-TEST_F(JobsTest, RunsAnswer) {
+TEST_F(JobsTest, RunsReturnResults) {
   Runs runs(host());
   const auto good = runs.run({{"verb", "models info"}, {"inputs", {"good"}}}, "");
   EXPECT_EQ(good.exit, 0);
@@ -280,7 +280,7 @@ TEST_F(JobsTest, RunsAnswer) {
   EXPECT_TRUE(fs::is_empty(workspace_->studio_folder() + "/runs"));
 }
 
-TEST_F(JobsTest, RunsEnd) {
+TEST_F(JobsTest, RunsAreLimited) {
   RunOptions options;
   options.limit = std::chrono::milliseconds(300);
   options.output_bytes = 10'000;
@@ -331,7 +331,7 @@ TEST(JobProgress, ReadsLines) {
   }
 }
 
-TEST(Metrics, AreText) {
+TEST(Metrics, FormatAsText) {
   MetricsText metrics;
   metrics.family("a_b", "gauge", "Help.");
   metrics.value(1.5, {{"name", "a\"b\\c\nd"}});

@@ -59,17 +59,17 @@ Live::Live(LiveOptions options, JobFeed& jobs, AuditLog& audit)
       if (const auto alive = viewer.lock()) alive->wake();
     }
   });
-  keeper_ = std::thread([this] { keep(); });
+  watchdog_ = std::thread([this] { run_watchdog(); });
 }
 
 Live::~Live() { stop(); }
 
-void Live::keep() {
+void Live::run_watchdog() {
   std::unique_lock lock(mutex_);
   while (!is_stopping_) {
     changed_.wait_for(lock, std::chrono::seconds(5), [&] { return is_stopping_; });
     lock.unlock();
-    cameras_.forget_silent();
+    cameras_.remove_inactive();
     lock.lock();
   }
 }
@@ -82,7 +82,7 @@ void Live::stop() {
     sessions.swap(sessions_);
   }
   changed_.notify_all();
-  if (keeper_.joinable()) keeper_.join();
+  if (watchdog_.joinable()) watchdog_.join();
   jobs_.on_publish({});
   // All at once: together they take as long as one.
   for (const auto& session : sessions) session->close();
@@ -99,20 +99,20 @@ std::shared_ptr<LiveSession> Live::find(const std::string& id) const {
 
 std::shared_ptr<LiveSession> Live::session_of(const Request& request) const {
   auto session = find(request.param("id"));
-  if (session == nullptr) throw HttpError(404, "there is no such session");
+  if (session == nullptr) throw HttpError(404, "no such session");
   return session;
 }
 
 std::shared_ptr<StreamSlots::Slot> Live::new_slot(const Request& request) {
   {
     const std::lock_guard lock(mutex_);
-    if (is_stopping_) throw HttpError(503, "the server is ending");
+    if (is_stopping_) throw HttpError(503, "the server is stopping");
   }
   const auto cookie = cookie_value(request.header("cookie"), kCookieName);
   return streams_.take(cookie && !request.by_api_token ? hash_of(*cookie) : "");
 }
 
-std::string Live::source_word(const std::string& reference) const {
+std::string Live::resolve_source(const std::string& reference) const {
   const std::size_t colon = std::min(reference.find(':'), reference.size());
   const std::string kind = reference.substr(0, colon);
   const std::string rest = colon < reference.size() ? reference.substr(colon + 1) : "";
@@ -120,7 +120,8 @@ std::string Live::source_word(const std::string& reference) const {
   if (kind == "camera") {
     const auto number = to_integer(rest, 0, 255);
     if (!number || rest.front() == '+' || rest.front() == '-')
-      throw UsageError(fmt::format("{}: expected camera:N, as /api/sources lists them", reference));
+      throw UsageError(
+          fmt::format("{}: expected camera:N; /api/sources lists the cameras", reference));
     return std::to_string(*number);
   }
   if (kind == "allowed") {
@@ -133,12 +134,11 @@ std::string Live::source_word(const std::string& reference) const {
   }
   if (kind == "viewer") {
     if (!cameras_.has(rest))
-      throw UsageError(fmt::format("{}: this camera of a browser is over", reference));
+      throw UsageError(fmt::format("{}: this browser camera was closed", reference));
     return reference;
   }
   throw UsageError(fmt::format(
-      "{}: no source; use one of those that /api/sources lists (synth:, camera:, allowed:)",
-      reference));
+      "{}: not a source; /api/sources lists the sources (synth:, camera:, allowed:)", reference));
 }
 
 Response Live::list_sources() const {
@@ -166,41 +166,40 @@ Response Live::list_sources() const {
 
 Response Live::start(const Request& request) {
   const nlohmann::json body = request.json();
-  const VerbRequest wanted = verb_request(body);
+  const VerbRequest verb_to_start = verb_request(body);
   const std::string name = optional_text(body, "name").value_or("");
   if (!is_one_line(name, 200))
-    throw HttpError(400, "\"name\" must be one line of 200 bytes at most");
+    throw HttpError(400, "\"name\" must be one line of at most 200 bytes");
 
   LiveSession::Options options;
   std::vector<std::string> cameras;
   References references = options_.references;
   references.source = [&](const std::string& reference) {
     if (reference.starts_with("viewer:")) cameras.push_back(reference.substr(7));
-    return source_word(reference);
+    return resolve_source(reference);
   };
-  CommandLine line = command_line(*options_.verbs, wanted, Use::kLive, references);
-  if (cameras.size() > 1)
-    throw HttpError(400, "a session takes one camera of a browser, not several");
+  CommandLine line = command_line(*options_.verbs, verb_to_start, Use::kLive, references);
+  if (cameras.size() > 1) throw HttpError(400, "a session can use only one browser camera");
 
   std::shared_ptr<LiveSession> session;
   {
     const std::lock_guard lock(mutex_);
-    if (is_stopping_) throw HttpError(503, "the server is ending");
+    if (is_stopping_) throw HttpError(503, "the server is stopping");
     std::size_t running = 0;
     for (const auto& other : sessions_) running += other->is_running() ? 1 : 0;
     if (running >= options_.max_sessions)
-      throw HttpError(
-          409, fmt::format("{} sessions are the limit: end one first", options_.max_sessions));
+      throw HttpError(409, fmt::format("the limit of {} sessions is reached; end one first",
+                                       options_.max_sessions));
     // Sessions that ended long ago are dropped.
     for (std::size_t ended = sessions_.size() - running; ended >= options_.max_ended; --ended)
       sessions_.erase(std::find_if(sessions_.begin(), sessions_.end(),
                                    [](const auto& other) { return !other->is_running(); }));
     options.id = new_secret().substr(0, 8);
-    options.verb = wanted.verb;
-    options.name = name.empty() ? wanted.verb : name;
-    options.inputs = wanted.inputs;
-    options.flags = wanted.flags;
-    options.shown = std::move(line.shown);
+    options.verb = verb_to_start.verb;
+    options.name = name.empty() ? verb_to_start.verb : name;
+    options.inputs = verb_to_start.inputs;
+    options.flags = verb_to_start.flags;
+    options.shell_text = std::move(line.shell_text);
     options.arguments = {options_.program};
     for (std::string& word : line.words) options.arguments.push_back(std::move(word));
     options.secrets = std::move(line.secrets);
@@ -211,7 +210,7 @@ Response Live::start(const Request& request) {
   }
   if (!cameras.empty()) cameras_.attach(cameras[0], session);
   nlohmann::json details{
-      {"session", session->id()}, {"verb", wanted.verb}, {"inputs", wanted.inputs}};
+      {"session", session->id()}, {"verb", verb_to_start.verb}, {"inputs", verb_to_start.inputs}};
   audit_.write(line.audit.empty() ? "session start" : line.audit, request.address, details);
   return json_response(session->describe(), 201);
 }
@@ -226,19 +225,19 @@ Response Live::take_events(const Request& request) {
   for (const auto& event : events) {
     const auto text = event_line(event);
     if (!text)
-      throw HttpError(
-          400, "an event is none of key, mouse, action, slider: " + to_text(event).substr(0, 200));
+      throw HttpError(400, "expected an event of key, mouse, action or slider: " +
+                               to_text(event).substr(0, 200));
     lines += *text;
     is_move = is_move && event.value("mouse", "") == "move";
   }
   if (!session->is_running()) throw HttpError(409, "this session has ended");
   if (lines.empty()) return no_content();
   const auto number = session->send(lines);
-  if (!number)
-    throw HttpError(409, "this session takes no events now: it is ending, or busy for long");
+  if (!number) throw HttpError(409, "this session accepts no events now: it is stopping or busy");
   // 204: the session has handled them, so a click of an annotation is in its journal.
   if (is_move || session->wait_until_handled(*number, kHandled)) return no_content();
-  if (!session->is_running()) throw HttpError(409, "this session ended before it handled them");
+  if (!session->is_running())
+    throw HttpError(409, "this session ended before it handled the events");
   return json_response({{"handled", false}}, 202);
 }
 
@@ -248,12 +247,12 @@ Response Live::send_snapshot(const Request& request) {
   // A snapshot has full size, even if other viewers show a small image.
   session->add_viewer(waker);
   const std::uint64_t before = session->image().number;
-  const std::uint64_t wanted = std::max(before + 1, session->fitting());
+  const std::uint64_t min_number = std::max(before + 1, session->first_fitting_image());
   // A paused session delivers no newer image.
-  const bool is_full = before > 0 && session->fitting() <= before;
+  const bool is_full = before > 0 && session->first_fitting_image() <= before;
   const Clock::time_point until = Clock::now() + milliseconds(is_full ? 500 : 5000);
-  while (session->image().number < wanted && session->is_running() && Clock::now() < until) {
-    session->want_image();
+  while (session->image().number < min_number && session->is_running() && Clock::now() < until) {
+    session->request_image();
     waker->wait(milliseconds(50));
     const std::lock_guard lock(mutex_);
     if (is_stopping_) break;
@@ -276,15 +275,15 @@ Response Live::send_snapshot(const Request& request) {
 Response Live::send_live(const Request& request) {
   std::vector<std::string> unknown;
   std::vector<std::pair<std::shared_ptr<LiveSession>, int>> sessions;
-  const std::string wanted = request.query_value("s").value_or("");
+  const std::string session_list = request.query_value("s").value_or("");
   std::set<std::string> seen;
-  for (std::string_view rest = wanted; !rest.empty();) {
+  for (std::string_view rest = session_list; !rest.empty();) {
     const std::size_t comma = rest.find(',');
     const auto [id, width] = watched_word(rest.substr(0, comma));
     rest.remove_prefix(comma == std::string_view::npos ? rest.size() : comma + 1);
     if (id.empty() || !seen.insert(id).second) continue;
     if (seen.size() > kMaxWatched || id.size() > 64)
-      throw HttpError(400, fmt::format("\"s\" takes at most {} sessions", kMaxWatched));
+      throw HttpError(400, fmt::format("\"s\" may name at most {} sessions", kMaxWatched));
     if (auto session = find(id)) {
       sessions.emplace_back(std::move(session), width);
     } else {

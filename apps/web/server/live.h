@@ -54,7 +54,7 @@ class Live {
   void stop();
 
   // Converts a reference to a source: synth:, camera:N, allowed:NAME, viewer:ID. Throws UsageError.
-  [[nodiscard]] std::string source_word(const std::string& reference) const;
+  [[nodiscard]] std::string resolve_source(const std::string& reference) const;
 
   [[nodiscard]] std::shared_ptr<LiveSession> find(const std::string& id) const;  // or null
 
@@ -78,7 +78,7 @@ class Live {
   [[nodiscard]] Response send_mjpeg(const Request& request);
   [[nodiscard]] std::shared_ptr<LiveSession> session_of(const Request& request) const;  // or 404
   [[nodiscard]] std::shared_ptr<StreamSlots::Slot> new_slot(const Request& request);
-  void keep();
+  void run_watchdog();
 
   LiveOptions options_;
   JobFeed& jobs_;
@@ -91,7 +91,7 @@ class Live {
   std::vector<std::shared_ptr<LiveSession>> sessions_;  // in the order of their start
   std::vector<std::weak_ptr<Waker>> job_viewers_;
   bool is_stopping_ = false;
-  std::thread keeper_;
+  std::thread watchdog_;
 };
 
 }  // namespace tarsier::web

@@ -26,7 +26,7 @@ constexpr std::size_t kLogLines = 200;
 constexpr std::size_t kLogLine = 4096;
 constexpr std::size_t kMaxOutbox = 256 << 10;
 constexpr milliseconds kRateWindow{2000};
-constexpr milliseconds kPatience{300};  // between the request to end and the kill
+constexpr milliseconds kKillDelay{300};  // between the request to end and the kill
 
 // An integer member of a child's record; -1 if there is none.
 std::int64_t whole_number(const nlohmann::json& object, const char* name) {
@@ -48,9 +48,9 @@ void Waker::wake() {
   changed_.notify_one();
 }
 
-void Waker::wait(std::chrono::milliseconds patience) {
+void Waker::wait(std::chrono::milliseconds timeout) {
   std::unique_lock lock(mutex_);
-  changed_.wait_for(lock, patience, [&] { return is_due_; });
+  changed_.wait_for(lock, timeout, [&] { return is_due_; });
   is_due_ = false;
 }
 
@@ -81,15 +81,15 @@ LiveSession::LiveSession(Options options) : options_(std::move(options)) {
       child.environment.emplace_back("TARSIER_VIEWER", "5");
       child.pipes.push_back({5, camera.read_end});
     }
-    child.on_output = [this](std::string_view line) { note_line(output_, line); };
-    child.on_message = [this](std::string_view line) { note_line(log_, line); };
+    child.on_output = [this](std::string_view line) { append_line(output_, line); };
+    child.on_message = [this](std::string_view line) { append_line(log_, line); };
     ::fcntl(records.read_end, F_SETPIPE_SZ, 1 << 20);  // a smaller one works, too
     ::fcntl(records.read_end, F_SETFL, O_NONBLOCK);
     ::fcntl(events.write_end, F_SETFL, O_NONBLOCK);
     if (options_.has_camera) ::fcntl(camera.write_end, F_SETFL, O_NONBLOCK);
     wake_fd_ = ::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     child_ = std::make_unique<ChildProcess>(std::move(child),
-                                            [this](const ChildEnd& end) { note_end(end); });
+                                            [this](const ChildEnd& end) { handle_end(end); });
   } catch (...) {
     close_all();
     close_fd(wake_fd_);
@@ -106,12 +106,12 @@ LiveSession::LiveSession(Options options) : options_(std::move(options)) {
 
 LiveSession::~LiveSession() {
   close();
-  (void)child_->wait(kPatience + milliseconds(100));
+  (void)child_->wait(kKillDelay + milliseconds(100));
   {
     const std::lock_guard lock(mutex_);
-    is_over_ = true;
+    is_destroyed_ = true;
   }
-  nudge();
+  wake_worker();
   thread_.join();  // before the child is destroyed, which the thread may be about to interrupt
   child_.reset();  // kills
   close_fd(records_fd_);
@@ -120,7 +120,7 @@ LiveSession::~LiveSession() {
   close_fd(wake_fd_);
 }
 
-void LiveSession::nudge() const {
+void LiveSession::wake_worker() const {
   const std::uint64_t one = 1;
   (void)!::write(wake_fd_, &one, sizeof one);
 }
@@ -131,8 +131,8 @@ void LiveSession::close() {
     is_closing_ = true;
   }
   handled_.notify_all();
-  child_->interrupt(kPatience);
-  nudge();
+  child_->interrupt(kKillDelay);
+  wake_worker();
 }
 
 bool LiveSession::is_running() const {
@@ -150,7 +150,7 @@ void LiveSession::work() {
     bool wants_camera = false;
     {
       const std::lock_guard lock(mutex_);
-      if (is_over_) return;
+      if (is_destroyed_) return;
       wants_events = !outbox_.empty() && events_fd_ >= 0;
       if (is_closing_ && outbox_.empty()) close_fd(events_fd_);
       if (camera_now_.empty() && camera_next_ != nullptr && camera_fd_ >= 0) {
@@ -161,7 +161,7 @@ void LiveSession::work() {
         camera_next_.reset();
         camera_written_ = 0;
       }
-      if (is_camera_over_ && camera_now_.empty()) close_fd(camera_fd_);
+      if (has_camera_ended_ && camera_now_.empty()) close_fd(camera_fd_);
       wants_camera = !camera_now_.empty() && camera_fd_ >= 0;
     }
     std::array<pollfd, 4> items{
@@ -184,9 +184,9 @@ void LiveSession::work() {
     records.feed({buffer.data(), static_cast<std::size_t>(count)});
     while (auto record = records.take()) take_record(record->kind, std::move(record->payload));
     if (records.is_broken()) {
-      log_warning("session {}: its window sends something that is no record", options_.id);
+      log_warning("session {}: its window sent an invalid record", options_.id);
       close_fd(records_fd_);
-      child_->interrupt(kPatience);
+      child_->interrupt(kKillDelay);
     }
   }
 }
@@ -235,7 +235,7 @@ void LiveSession::take_record(char kind, std::string payload) {
     const std::lock_guard lock(mutex_);
     image.number = image_.number + 1;
     image_ = std::move(image);
-    is_wanted_ = false;
+    is_image_requested_ = false;
     wake_viewers();
     return;
   }
@@ -243,21 +243,21 @@ void LiveSession::take_record(char kind, std::string payload) {
     auto record = std::make_shared<const std::string>(std::move(payload));
     const std::lock_guard lock(mutex_);
     stages_ = {stages_.number + 1, std::move(record)};
-    are_stages_wanted_ = false;
+    are_stages_requested_ = false;
     wake_viewers();
     return;
   }
   if (kind != 'H' && kind != 'S') return;  // of a later version
   nlohmann::json value = nlohmann::json::parse(payload, nullptr, false);
   if (!value.is_object()) {
-    log_warning("session {}: its window sends something that is no JSON", options_.id);
+    log_warning("session {}: its window sent invalid JSON", options_.id);
     return;
   }
   auto text = std::make_shared<const std::string>(without_secrets(to_text(value)));
   const std::lock_guard lock(mutex_);
-  News& news = kind == 'H' ? hello_ : state_;
-  ++news.number;
-  news.json = std::move(text);
+  VersionedJson& message = kind == 'H' ? hello_ : state_;
+  ++message.number;
+  message.json = std::move(text);
   if (kind == 'H') {
     hello_json_ = std::move(value);
   } else {
@@ -290,14 +290,14 @@ std::string LiveSession::without_secrets(std::string text) const {
   return text;
 }
 
-void LiveSession::note_line(std::deque<std::string>& lines, std::string_view line) {
+void LiveSession::append_line(std::deque<std::string>& lines, std::string_view line) {
   std::string text = without_secrets(std::string(line.substr(0, kLogLine)));
   const std::lock_guard lock(mutex_);
   lines.push_back(std::move(text));
   if (lines.size() > kLogLines) lines.pop_front();
 }
 
-void LiveSession::note_end(const ChildEnd& end) {
+void LiveSession::handle_end(const ChildEnd& end) {
   {
     const std::lock_guard lock(mutex_);
     end_ = end;
@@ -325,7 +325,7 @@ void LiveSession::wake_viewers() {
   for (const Viewer& viewer : viewers_) viewer.waker->wake();
 }
 
-void LiveSession::fit_viewers() {
+void LiveSession::apply_viewer_settings() {
   int widest = kNoImages;
   int quality = 0;
   for (const Viewer& viewer : viewers_) {
@@ -342,7 +342,7 @@ void LiveSession::fit_viewers() {
   max_width_ = widest;
   quality_ = quality;
   // An image that was requested earlier may be in transit.
-  fitting_ = image_.number + (is_wanted_ ? 2 : 1);
+  first_fitting_image_ = image_.number + (is_image_requested_ ? 2 : 1);
 }
 
 nlohmann::json LiveSession::describe() const {
@@ -356,7 +356,7 @@ nlohmann::json LiveSession::describe() const {
                        {"name", options_.name},
                        {"inputs", options_.inputs},
                        {"flags", options_.flags},
-                       {"command", options_.shown},
+                       {"command", options_.shell_text},
                        {"running", !end_},
                        {"exit", nullptr},
                        {"error", nullptr},
@@ -408,13 +408,13 @@ std::optional<std::int64_t> LiveSession::send(std::string_view lines) {
     events_sent_ += std::count(lines.begin(), lines.end(), '\n');
     events = events_sent_;
   }
-  nudge();
+  wake_worker();
   return events;
 }
 
-bool LiveSession::wait_until_handled(std::int64_t events, milliseconds patience) {
+bool LiveSession::wait_until_handled(std::int64_t events, milliseconds timeout) {
   std::unique_lock lock(mutex_);
-  (void)handled_.wait_for(lock, patience,
+  (void)handled_.wait_for(lock, timeout,
                           [&] { return events_handled_ >= events || end_ || is_closing_; });
   return events_handled_ >= events || (end_ && end_->exit == 0);
 }
@@ -424,34 +424,34 @@ LiveSession::Image LiveSession::image() const {
   return image_;
 }
 
-void LiveSession::want_image() {
+void LiveSession::request_image() {
   {
     const std::lock_guard lock(mutex_);
-    if (is_wanted_ || end_) return;
-    is_wanted_ = true;
+    if (is_image_requested_ || end_) return;
+    is_image_requested_ = true;
     outbox_ += "{\"want\":1}\n";
   }
-  nudge();
+  wake_worker();
 }
 
-LiveSession::News LiveSession::hello() const {
+LiveSession::VersionedJson LiveSession::hello() const {
   const std::lock_guard lock(mutex_);
   return hello_;
 }
 
-LiveSession::News LiveSession::state() const {
+LiveSession::VersionedJson LiveSession::state() const {
   const std::lock_guard lock(mutex_);
   return state_;
 }
 
-LiveSession::News LiveSession::ended() const {
+LiveSession::VersionedJson LiveSession::ended() const {
   const std::lock_guard lock(mutex_);
   return ended_;
 }
 
-std::uint64_t LiveSession::fitting() const {
+std::uint64_t LiveSession::first_fitting_image() const {
   const std::lock_guard lock(mutex_);
-  return fitting_;
+  return first_fitting_image_;
 }
 
 LiveSession::Stages LiveSession::stages() const {
@@ -459,16 +459,16 @@ LiveSession::Stages LiveSession::stages() const {
   return stages_;
 }
 
-bool LiveSession::want_stages() {
+bool LiveSession::request_stages() {
   {
     const std::lock_guard lock(mutex_);
     const auto gives = hello_json_.find("stages");
     if (end_ || gives == hello_json_.end() || *gives != true) return false;
-    if (are_stages_wanted_) return true;
-    are_stages_wanted_ = true;
+    if (are_stages_requested_) return true;
+    are_stages_requested_ = true;
     outbox_ += "{\"stages\":1}\n";
   }
-  nudge();
+  wake_worker();
   return true;
 }
 
@@ -476,18 +476,18 @@ void LiveSession::add_viewer(const std::shared_ptr<Waker>& viewer, int max_width
   {
     const std::lock_guard lock(mutex_);
     viewers_.push_back({viewer, max_width});
-    fit_viewers();
+    apply_viewer_settings();
   }
-  nudge();
+  wake_worker();
 }
 
 void LiveSession::remove_viewer(const std::shared_ptr<Waker>& viewer) {
   {
     const std::lock_guard lock(mutex_);
     std::erase_if(viewers_, [&](const Viewer& one) { return one.waker == viewer; });
-    fit_viewers();
+    apply_viewer_settings();
   }
-  nudge();
+  wake_worker();
 }
 
 void LiveSession::set_quality(const std::shared_ptr<Waker>& viewer, int quality) {
@@ -495,9 +495,9 @@ void LiveSession::set_quality(const std::shared_ptr<Waker>& viewer, int quality)
     const std::lock_guard lock(mutex_);
     for (Viewer& one : viewers_)
       if (one.waker == viewer) one.quality = quality;
-    fit_viewers();
+    apply_viewer_settings();
   }
-  nudge();
+  wake_worker();
 }
 
 int LiveSession::quality() const {
@@ -510,15 +510,15 @@ void LiveSession::offer_frame(std::shared_ptr<const std::string> jpeg) {
     const std::lock_guard lock(mutex_);
     camera_next_ = std::move(jpeg);
   }
-  nudge();
+  wake_worker();
 }
 
 void LiveSession::end_camera() {
   {
     const std::lock_guard lock(mutex_);
-    is_camera_over_ = true;
+    has_camera_ended_ = true;
   }
-  nudge();
+  wake_worker();
 }
 
 ChildProcess::Use LiveSession::use() const { return child_->use(); }

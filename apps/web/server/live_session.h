@@ -2,8 +2,8 @@
 #pragma once
 
 #include "child_process.h"
+#include "jpeg_quality_control.h"
 #include "live_protocol.h"
-#include "viewer_pace.h"
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -25,8 +25,8 @@ namespace tarsier::web {
 class Waker {
  public:
   void wake();
-  // Waits until wake() was called since the last wait, or until `patience` has passed.
-  void wait(std::chrono::milliseconds patience);
+  // Waits until wake() was called since the last wait, or until `timeout` has passed.
+  void wait(std::chrono::milliseconds timeout);
 
  private:
   std::mutex mutex_;
@@ -46,7 +46,7 @@ class LiveSession {
     std::string name;                                          // for people
     std::vector<std::string> inputs;                           // as requested
     nlohmann::json flags = nlohmann::json::object();           // as requested
-    std::string shown;                                         // the command, for people
+    std::string shell_text;                                    // the command, for people
     std::vector<std::string> arguments;                        // the program's path first
     std::vector<std::pair<std::string, std::string>> secrets;  // replaced in all shown text
     // Added to the server's environment.
@@ -68,7 +68,7 @@ class LiveSession {
 
   // A versioned message: a viewer gets it if its number is greater than the last one that the
   // viewer saw.
-  struct News {
+  struct VersionedJson {
     std::uint64_t number = 0;
     std::shared_ptr<const std::string> json;
   };
@@ -90,12 +90,12 @@ class LiveSession {
   // wait_until_handled(); nullopt if the child does not accept them.
   std::optional<std::int64_t> send(std::string_view lines);
   // Waits until the session has handled `events` events; their stored data is then on the disk.
-  // Returns false if that took longer than `patience`, or the session ended with an error.
-  bool wait_until_handled(std::int64_t events, std::chrono::milliseconds patience);
+  // Returns false if that took longer than `timeout`, or the session ended with an error.
+  bool wait_until_handled(std::int64_t events, std::chrono::milliseconds timeout);
 
   [[nodiscard]] Image image() const;  // the newest; number 0: none yet
   // Requests from the child an image that is newer than the newest one here.
-  void want_image();
+  void request_image();
 
   // The stage images of a frame: record D of pipe_window.h.
   struct Stages {
@@ -104,23 +104,23 @@ class LiveSession {
   };
   [[nodiscard]] Stages stages() const;
   // Requests the stages of the child's next frame. Returns false if it has none.
-  bool want_stages();
-  [[nodiscard]] News hello() const;
-  [[nodiscard]] News state() const;
-  [[nodiscard]] News ended() const;  // json is null while the session runs
+  bool request_stages();
+  [[nodiscard]] VersionedJson hello() const;
+  [[nodiscard]] VersionedJson state() const;
+  [[nodiscard]] VersionedJson ended() const;  // json is null while the session runs
 
   // `max_width` is the width at which the viewer shows images, px; 0: full size; or kNoImages. The
   // child sends images in the largest requested size.
   static constexpr int kNoImages = -1;
   void add_viewer(const std::shared_ptr<Waker>& viewer, int max_width = 0);
   void remove_viewer(const std::shared_ptr<Waker>& viewer);
-  // Sets the JPEG quality of the viewer (ViewerPace). The child sends images in the highest
-  // requested quality. A new viewer starts with ViewerPace::kBest.
+  // Sets the JPEG quality of the viewer (JpegQualityControl). The child sends images in the highest
+  // requested quality. A new viewer starts with JpegQualityControl::kMaxQuality.
   void set_quality(const std::shared_ptr<Waker>& viewer, int quality);
   // The quality that was requested from the child.
   [[nodiscard]] int quality() const;
   // The number of the first image that certainly has the size and quality that viewers now request.
-  [[nodiscard]] std::uint64_t fitting() const;
+  [[nodiscard]] std::uint64_t first_fitting_image() const;
 
   // The newest frame of the viewer's camera; replaces a frame that has not been written yet.
   void offer_frame(std::shared_ptr<const std::string> jpeg);
@@ -131,12 +131,12 @@ class LiveSession {
  private:
   void work();
   void take_record(char kind, std::string payload);
-  void note_line(std::deque<std::string>& lines, std::string_view line);
-  void note_end(const ChildEnd& end);
-  void wake_viewers();  // call it with the mutex held
-  void fit_viewers();   // call it with the mutex held
+  void append_line(std::deque<std::string>& lines, std::string_view line);
+  void handle_end(const ChildEnd& end);
+  void wake_viewers();           // call it with the mutex held
+  void apply_viewer_settings();  // call it with the mutex held
   [[nodiscard]] std::string without_secrets(std::string text) const;
-  void nudge() const;
+  void wake_worker() const;
   void write_events();
   void write_camera();
 
@@ -144,15 +144,15 @@ class LiveSession {
   const Clock::time_point started_ = Clock::now();
 
   mutable std::mutex mutex_;  // protects the following members
-  News hello_;
-  News state_;
-  News ended_;
+  VersionedJson hello_;
+  VersionedJson state_;
+  VersionedJson ended_;
   nlohmann::json hello_json_ = nlohmann::json::object();
   nlohmann::json state_json_ = nlohmann::json::object();
   Image image_;
-  bool is_wanted_ = false;  // an image was requested and has not arrived
+  bool is_image_requested_ = false;  // an image was requested and has not arrived
   bool is_closing_ = false;
-  bool is_over_ = false;
+  bool is_destroyed_ = false;
   std::optional<ChildEnd> end_;
   std::string error_;
   std::int64_t frames_ = 0;
@@ -163,20 +163,20 @@ class LiveSession {
   struct Viewer {
     std::shared_ptr<Waker> waker;
     int max_width = 0;
-    int quality = ViewerPace::kBest;
+    int quality = JpegQualityControl::kMaxQuality;
   };
   std::vector<Viewer> viewers_;
   int max_width_ = 0;  // requested from the child
-  int quality_ = ViewerPace::kBest;
-  std::uint64_t fitting_ = 1;  // see fitting()
+  int quality_ = JpegQualityControl::kMaxQuality;
+  std::uint64_t first_fitting_image_ = 1;  // see first_fitting_image()
   Stages stages_;
-  bool are_stages_wanted_ = false;
+  bool are_stages_requested_ = false;
   std::string outbox_;  // lines for the child's window that are not written yet
   std::int64_t events_sent_ = 0;
   std::int64_t events_handled_ = 0;
   std::condition_variable handled_;
   std::shared_ptr<const std::string> camera_next_;
-  bool is_camera_over_ = false;
+  bool has_camera_ended_ = false;
 
   // Used only by work().
   int records_fd_ = -1;

@@ -25,7 +25,7 @@ std::string record(char kind, const std::string& payload) {
   return text + kind + payload;
 }
 
-TEST(WindowRecords, ComeInPiecesOfAnySize) {
+TEST(WindowRecords, AreParsedInPiecesOfAnySize) {
   const std::string stream =
       record('H', "{}") + record('J', std::string(1000, 'x')) + record('S', "");
   for (const std::size_t piece : {std::size_t{1}, std::size_t{3}, std::size_t{7}, stream.size()}) {
@@ -44,7 +44,7 @@ TEST(WindowRecords, ComeInPiecesOfAnySize) {
   }
 }
 
-TEST(WindowRecords, RefuseWhatIsTooLargeOrEmpty) {
+TEST(WindowRecords, RefuseTooLargeAndEmptyOnes) {
   for (const std::string& head : {"\xff\xff\xff\xffJ"s, "\0\0\0\0J"s, "\x04\0\0\x01J"s}) {
     WindowRecords records;
     records.feed(head);
@@ -113,7 +113,7 @@ LiveSession::Options shell(const std::string& script) {
   options.id = "a1";
   options.verb = "test";
   options.name = "test";
-  options.shown = "sh";
+  options.shell_text = "sh";
   options.arguments = {"/bin/sh", "-c", script};
   return options;
 }
@@ -136,13 +136,13 @@ TEST(LiveSession, SendsAnImageForEachCredit) {
   wait_for(session, [&] { return session.hello().number == 1; });
   EXPECT_EQ(*session.hello().json, "{\"title\":\"t\"}");
   EXPECT_EQ(session.image().number, 0U);
-  session.want_image();
-  session.want_image();  // one credit is under way: no second
+  session.request_image();
+  session.request_image();  // one credit is under way: no second
   wait_for(session, [&] { return session.image().number == 1; });
   EXPECT_EQ(session.image().frame, 7U);
   EXPECT_GE(session.image().age_now(), 5U);
   EXPECT_EQ(*session.image().jpeg, "jp");
-  session.want_image();
+  session.request_image();
   // The lines come by another pipe.
   wait_for(session,
            [&] { return session.image().number == 2 && session.describe()["output"].size() == 2; });
@@ -152,11 +152,12 @@ TEST(LiveSession, SendsAnImageForEachCredit) {
   EXPECT_EQ(seen["running"], true);
 }
 
-TEST(StreamSlots, TakeTurnsWhereABrowserHasManyStreams) {
+TEST(StreamSlots, TakeTurnsWithManyStreamsOfABrowser) {
   StreamSlots slots(8);
   const auto program = slots.take("");
   std::vector<std::shared_ptr<StreamSlots::Slot>> own;
-  for (std::size_t i = 0; i < StreamSlots::kAtOnce; ++i) own.push_back(slots.take("browser"));
+  for (std::size_t i = 0; i < StreamSlots::kMaxConcurrent; ++i)
+    own.push_back(slots.take("browser"));
   const auto other = slots.take("another");
   EXPECT_FALSE(own[0]->takes_turns());
   own.push_back(slots.take("browser"));
@@ -171,7 +172,7 @@ TEST(StreamSlots, TakeTurnsWhereABrowserHasManyStreams) {
   EXPECT_NO_THROW((void)slots.take(""));
 }
 
-TEST(LiveSession, TellsWhenEventsAreHandled) {
+TEST(LiveSession, ReportsHandledEvents) {
   // It handles the first two events, passes over what is no state, and ends at the third.
   LiveSession session(
       shell(R"(read a <&3; read b <&3; printf '\000\000\000\015S{"events":2}' >&4; read c <&3;)"
@@ -188,14 +189,14 @@ TEST(LiveSession, TellsWhenEventsAreHandled) {
 }
 
 // What the child was asked for, line by line.
-std::string asked(LiveSession& session) {
+std::string requested_settings(LiveSession& session) {
   std::string lines;
   const json seen = session.describe();
   for (const json& line : seen["output"]) lines += line.get<std::string>() + ' ';
   return lines;
 }
 
-TEST(LiveSession, ImagesAreAsLargeAsTheLargestViewerShowsThem) {
+TEST(LiveSession, ImageWidthIsThatOfTheLargestViewer) {
   LiveSession session(shell("while read line <&3; do echo \"$line\"; done; exec sleep 60"));
   const auto small = std::make_shared<Waker>();
   const auto large = std::make_shared<Waker>();
@@ -213,11 +214,12 @@ TEST(LiveSession, ImagesAreAsLargeAsTheLargestViewerShowsThem) {
   const std::string wanted =
       "{\"max_width\":320} {\"max_width\":640} {\"max_width\":0} {\"max_width\":640} "
       "{\"max_width\":320} {\"action\":\"last\"} ";
-  for (int i = 0; i < 200 && asked(session) != wanted; ++i) small->wait(milliseconds(20));
-  EXPECT_EQ(asked(session), wanted);
+  for (int i = 0; i < 200 && requested_settings(session) != wanted; ++i)
+    small->wait(milliseconds(20));
+  EXPECT_EQ(requested_settings(session), wanted);
 }
 
-TEST(LiveSession, ImagesAreAsGoodAsTheQuickestViewerTakesThem) {
+TEST(LiveSession, QualityIsThatOfTheFastestViewer) {
   LiveSession session(shell("while read line <&3; do echo \"$line\"; done; exec sleep 60"));
   const auto slow = std::make_shared<Waker>();
   const auto quick = std::make_shared<Waker>();
@@ -227,7 +229,7 @@ TEST(LiveSession, ImagesAreAsGoodAsTheQuickestViewerTakesThem) {
   session.set_quality(slow, 80);  // as it is
   session.set_quality(slow, 40);
   EXPECT_EQ(session.quality(), 40);
-  EXPECT_EQ(session.fitting(), 1U);
+  EXPECT_EQ(session.first_fitting_image(), 1U);
   session.add_viewer(quick);  // the best, until it is known to be slow
   EXPECT_EQ(session.quality(), 80);
   session.set_quality(quick, 55);
@@ -239,11 +241,12 @@ TEST(LiveSession, ImagesAreAsGoodAsTheQuickestViewerTakesThem) {
   EXPECT_TRUE(session.send("{\"action\":\"last\"}\n"));
   const std::string wanted =
       "{\"quality\":40} {\"quality\":80} {\"quality\":55} {\"quality\":30} {\"action\":\"last\"} ";
-  for (int i = 0; i < 200 && asked(session) != wanted; ++i) slow->wait(milliseconds(20));
-  EXPECT_EQ(asked(session), wanted);
+  for (int i = 0; i < 200 && requested_settings(session) != wanted; ++i)
+    slow->wait(milliseconds(20));
+  EXPECT_EQ(requested_settings(session), wanted);
 }
 
-TEST(LiveStream, ASlowViewerGetsImagesOfALowerQuality) {
+TEST(LiveStream, ASlowViewerGetsALowerQuality) {
   // Images of 22 bytes that take a second each, by the clock of the test.
   const auto session = std::make_shared<LiveSession>(
       shell(std::string("while read line <&3; do case $line in *want*) ") + kImage +
@@ -262,9 +265,10 @@ TEST(LiveStream, ASlowViewerGetsImagesOfALowerQuality) {
       }
       EXPECT_TRUE(condition());
     };
-    until(milliseconds(1000), [&] { return session->quality() == ViewerPace::kLeast; });
-    until(milliseconds(1), [&] { return session->quality() == ViewerPace::kBest; });
-    const auto lines = [&] { return asked(*session); };
+    until(milliseconds(1000),
+          [&] { return session->quality() == JpegQualityControl::kMinQuality; });
+    until(milliseconds(1), [&] { return session->quality() == JpegQualityControl::kMaxQuality; });
+    const auto lines = [&] { return requested_settings(*session); };
     until(milliseconds(1), [&] { return lines().find("{\"quality\":80}") != std::string::npos; });
     EXPECT_THAT(lines(), testing::StartsWith("{\"max_width\":640} {\"quality\":30} "));
   }
@@ -272,27 +276,28 @@ TEST(LiveStream, ASlowViewerGetsImagesOfALowerQuality) {
   ::close(sockets[1]);
 }
 
-TEST(LiveSession, StagesComeOnRequest) {
+TEST(LiveSession, SendsStagesOnRequest) {
   LiveSession session(shell(R"(printf '\000\000\000\020H{"stages":true}' >&4;)"
                             R"(while read line <&3; do case $line in *stages*))"
                             R"( echo "$line"; printf '\000\000\000\003Dxy' >&4;; esac; done)"));
   wait_for(session, [&] { return session.hello().number == 1; });
   EXPECT_EQ(session.describe()["stages"], true);
   EXPECT_EQ(session.stages().number, 0U);
-  EXPECT_TRUE(session.want_stages());
+  EXPECT_TRUE(session.request_stages());
   wait_for(session, [&] { return session.stages().number == 1; });
   EXPECT_EQ(*session.stages().record, "xy");
-  EXPECT_TRUE(session.want_stages());
+  EXPECT_TRUE(session.request_stages());
   wait_for(session, [&] { return session.stages().number == 2; });
-  wait_for(session, [&] { return asked(session) == "{\"stages\":1} {\"stages\":1} "; });
+  wait_for(session,
+           [&] { return requested_settings(session) == "{\"stages\":1} {\"stages\":1} "; });
 
   LiveSession without(shell(std::string(kHello) + "exec sleep 60"));
   wait_for(without, [&] { return without.hello().number == 1; });
-  EXPECT_FALSE(without.want_stages());
+  EXPECT_FALSE(without.request_stages());
   EXPECT_EQ(without.describe()["stages"], false);
 }
 
-TEST(LiveSession, TellsWhyItEnded) {
+TEST(LiveSession, ReportsWhyItEnded) {
   LiveSession session(
       shell("echo 'tarsier: a: warning' >&2; echo 'tarsier: error: no such camera' >&2; exit 3"));
   wait_for(session, [&] { return session.ended().json != nullptr; });
@@ -308,7 +313,7 @@ TEST(LiveSession, TellsWhyItEnded) {
               testing::HasSubstr("signal 9"));
 }
 
-TEST(LiveSession, EndsOfRequestAreNoErrors) {
+TEST(LiveSession, RequestedEndsAreNoErrors) {
   LiveSession session(
       shell("trap 'echo error: stopped >&2; exit 130' INT; while :; do sleep 0.01; done"));
   session.close();
@@ -329,13 +334,13 @@ TEST(LiveSession, MasksSecrets) {
   EXPECT_NE(seen.find("allowed:door"), std::string::npos) << seen;
 }
 
-TEST(LiveSession, NonsenseEndsIt) {
+TEST(LiveSession, InvalidRecordsEndIt) {
   LiveSession session(shell(R"(printf '\377\377\377\377xxx' >&4; exec sleep 60)"));
   wait_for(session, [&] { return session.ended().json != nullptr; });
   EXPECT_FALSE(session.is_running());
 }
 
-TEST(LiveSession, PassesTheFramesOfAViewersCamera) {
+TEST(LiveSession, PassesOnFramesOfAViewersCamera) {
   LiveSession::Options options = shell("[ \"$TARSIER_VIEWER\" = 5 ] && cat <&5 | od -An -c");
   options.has_camera = true;
   LiveSession session(std::move(options));
@@ -348,7 +353,7 @@ TEST(LiveSession, PassesTheFramesOfAViewersCamera) {
               testing::MatchesRegex(" *.0 +.0 +.0 +003 +a +b +c"));
 }
 
-TEST(LiveSession, AProgramThatIsMissing) {
+TEST(LiveSession, ReportsAMissingProgram) {
   LiveSession::Options options = shell("");
   options.arguments = {"/nonexistent"};
   EXPECT_ANY_THROW(LiveSession session(std::move(options)));

@@ -20,17 +20,19 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr milliseconds kPing{2000};
-constexpr milliseconds kWait{400};      // interval of checks of a stream without news
-constexpr milliseconds kDeaf{300'000};  // a viewer that reads nothing for this time is disconnected
-constexpr milliseconds kFresh{60};  // an older image is not sent before a newer one was requested
-constexpr milliseconds kFreshWait{50};
+constexpr milliseconds kWait{400};  // interval of checks of a stream without news
+constexpr milliseconds kReadTimeout{
+    300'000};  // a viewer that reads nothing for this time is disconnected
+constexpr milliseconds kMaxImageAge{
+    60};  // an older image is not sent before a newer one was requested
+constexpr milliseconds kNewerImageWait{50};
 constexpr int kUnsent = 16 << 10;  // bytes that may be unsent in the socket when more is written
 
 // Waits until the client has read nearly everything, so that the next image is made late and is
-// new. Returns false if it has not within `patience`.
-bool wait_until_taken(int socket, milliseconds patience) {
+// new. Returns false if it has not within `timeout`.
+bool wait_until_writable(int socket, milliseconds timeout) {
   pollfd item{socket, POLLOUT, 0};
-  return ::poll(&item, 1, static_cast<int>(patience.count())) > 0;
+  return ::poll(&item, 1, static_cast<int>(timeout.count())) > 0;
 }
 
 bool is_gone(int socket) {
@@ -54,39 +56,39 @@ class ImageFollower {
     LiveSession::Image image = session_->image();
     const Clock::time_point now = Clock::now();
     if (image.number <= last_) {
-      session_->want_image();
-      asked_.reset();
+      session_->request_image();
+      requested_at_.reset();
       return std::nullopt;
     }
-    const bool is_fresh = now - image.received <= kFresh;
-    if (!is_fresh && session_->is_running()) {
+    const bool is_recent = now - image.received <= kMaxImageAge;
+    if (!is_recent && session_->is_running()) {
       // An old image that nobody took: the child may have a newer one immediately.
-      if (!asked_) {
-        asked_ = now;
-        session_->want_image();
+      if (!requested_at_) {
+        requested_at_ = now;
+        session_->request_image();
         return std::nullopt;
       }
-      if (now - *asked_ < kFreshWait) return std::nullopt;
+      if (now - *requested_at_ < kNewerImageWait) return std::nullopt;
     }
-    asked_.reset();
+    requested_at_.reset();
     last_ = image.number;
     return image;
   }
   // The maximum time until next() must be called again.
-  [[nodiscard]] milliseconds patience() const { return asked_ ? kFreshWait : kWait; }
+  [[nodiscard]] milliseconds max_wait() const { return requested_at_ ? kNewerImageWait : kWait; }
   [[nodiscard]] LiveSession& session() const { return *session_; }
 
  private:
   std::shared_ptr<LiveSession> session_;
   std::uint64_t last_ = 0;
-  std::optional<Clock::time_point> asked_;
+  std::optional<Clock::time_point> requested_at_;
 };
 
 // Bytes that are sent in pieces.
 class Outgoing {
  public:
   [[nodiscard]] bool is_empty() const { return sent_ == text_.size(); }
-  std::string& fresh() {
+  std::string& cleared_text() {
     text_.clear();
     sent_ = 0;
     return text_;
@@ -134,15 +136,15 @@ class LiveStream final : public BodyStream {
     }
     const Clock::time_point now = now_();
     if (now - begun_ > StreamSlots::kTurn && slot_->takes_turns()) return -1;
-    if (!wait_until_taken(socket, kWait)) return now - taken_ > kDeaf ? -1 : 0;
-    taken_ = now;
+    if (!wait_until_writable(socket, kWait)) return now - last_write_ > kReadTimeout ? -1 : 0;
+    last_write_ = now;
     measure();
     if (is_gone(socket)) return -1;
     if (compose()) return out_.take(buffer);
-    milliseconds patience = kWait;
+    milliseconds max_wait = kWait;
     for (const Watched& watched : watched_)
-      patience = std::min(patience, watched.images.patience());
-    waker_->wait(patience);
+      max_wait = std::min(max_wait, watched.images.max_wait());
+    waker_->wait(max_wait);
     return compose() ? out_.take(buffer) : 0;
   }
 
@@ -155,33 +157,33 @@ class LiveStream final : public BodyStream {
     std::uint64_t ended = 0;
   };
 
-  void add_news(std::string& out, LiveRecord kind, const std::string& id,
-                const LiveSession::News& news, std::uint64_t& seen) {
-    if (news.number <= seen || news.json == nullptr) return;
-    seen = news.number;
-    append_record(out, kind, id, *news.json);
+  void add_message(std::string& out, LiveRecord kind, const std::string& id,
+                   const LiveSession::VersionedJson& message, std::uint64_t& seen) {
+    if (message.number <= seen || message.json == nullptr) return;
+    seen = message.number;
+    append_record(out, kind, id, *message.json);
   }
 
   // The viewer has read the data: the time it took determines the quality of the next images.
   void measure() {
     if (image_quality_ == 0) return;
     const std::chrono::duration<double> spent = now_() - composed_;
-    pace_.took(out_.size(), spent.count(), std::exchange(image_quality_, 0));
-    for (Watched& watched : watched_) watched.images.session().set_quality(waker_, pace_.quality());
+    quality_control_.add_transfer(out_.size(), spent.count(), std::exchange(image_quality_, 0));
+    for (Watched& watched : watched_)
+      watched.images.session().set_quality(waker_, quality_control_.quality());
   }
 
   // Composes all news and one image. Returns false if there are none.
   bool compose() {
-    std::string& out = out_.fresh();
+    std::string& out = out_.cleared_text();
     const Clock::time_point now = now_();
     for (const std::string& id : unknown_)
-      append_record(out, LiveRecord::kEnded, id,
-                    R"({"exit":null,"error":"there is no such session"})");
+      append_record(out, LiveRecord::kEnded, id, R"({"exit":null,"error":"no such session"})");
     unknown_.clear();
     for (Watched& watched : watched_) {
       LiveSession& session = watched.images.session();
-      add_news(out, LiveRecord::kHello, session.id(), session.hello(), watched.hello);
-      add_news(out, LiveRecord::kState, session.id(), session.state(), watched.state);
+      add_message(out, LiveRecord::kHello, session.id(), session.hello(), watched.hello);
+      add_message(out, LiveRecord::kState, session.id(), session.state(), watched.state);
     }
     if (jobs_ != nullptr) {
       for (const auto& [id, json] : jobs_->since(jobs_seen_))
@@ -202,7 +204,7 @@ class LiveStream final : public BodyStream {
     }
     for (Watched& watched : watched_) {
       LiveSession& session = watched.images.session();
-      add_news(out, LiveRecord::kEnded, session.id(), session.ended(), watched.ended);
+      add_message(out, LiveRecord::kEnded, session.id(), session.ended(), watched.ended);
     }
     if (out.empty() && now - pinged_ >= kPing) append_record(out, LiveRecord::kPing, "", "");
     if (!out.empty()) pinged_ = now;
@@ -219,11 +221,11 @@ class LiveStream final : public BodyStream {
   std::size_t turn_ = 0;
   Outgoing out_;
   bool is_prepared_ = false;
-  ViewerPace pace_;
+  JpegQualityControl quality_control_;
   int image_quality_ = 0;       // of the image in out_; 0: there is none, or it was measured
   Clock::time_point composed_;  // when out_ was composed
   const Clock::time_point begun_ = now_();
-  Clock::time_point taken_ = begun_;
+  Clock::time_point last_write_ = begun_;
   // Time of the last sent data. Initially long ago, so that the first ping is immediate.
   Clock::time_point pinged_;
 };
@@ -234,7 +236,7 @@ class MjpegStream final : public BodyStream {
   MjpegStream(std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<LiveSession> session)
       : slot_(std::move(slot)), images_(std::move(session)) {
     images_.session().add_viewer(waker_);
-    out_.fresh() = "--tarsier-frame\r\n";
+    out_.cleared_text() = "--tarsier-frame\r\n";
   }
   ~MjpegStream() override { images_.session().remove_viewer(waker_); }
   [[nodiscard]] bool is_plain() const override { return true; }
@@ -246,18 +248,18 @@ class MjpegStream final : public BodyStream {
       is_prepared_ = true;
     }
     const Clock::time_point now = Clock::now();
-    if (!wait_until_taken(socket, kWait)) return now - taken_ > kDeaf ? -1 : 0;
-    taken_ = now;
+    if (!wait_until_writable(socket, kWait)) return now - last_write_ > kReadTimeout ? -1 : 0;
+    last_write_ = now;
     if (is_gone(socket)) return -1;
     auto image = images_.next();
     if (!image) {
       if (!images_.session().is_running()) return -1;
-      waker_->wait(images_.patience());
+      waker_->wait(images_.max_wait());
       image = images_.next();
     }
     if (!image) return 0;
     // The boundary follows its part at once: browsers show an image only after it.
-    out_.fresh() = fmt::format(
+    out_.cleared_text() = fmt::format(
         "Content-Type: image/jpeg\r\nContent-Length: {}\r\n\r\n{}\r\n--tarsier-frame\r\n",
         image->jpeg->size(), *image->jpeg);
     return out_.take(buffer);
@@ -269,7 +271,7 @@ class MjpegStream final : public BodyStream {
   ImageFollower images_;
   Outgoing out_;
   bool is_prepared_ = false;
-  Clock::time_point taken_ = Clock::now();
+  Clock::time_point last_write_ = Clock::now();
 };
 
 }  // namespace
@@ -284,14 +286,14 @@ StreamSlots::Slot::~Slot() {
 bool StreamSlots::Slot::takes_turns() const {
   if (viewer_.empty()) return false;
   const std::lock_guard lock(owner_.mutex_);
-  return owner_.of_viewer_.at(viewer_) > kAtOnce;
+  return owner_.of_viewer_.at(viewer_) > kMaxConcurrent;
 }
 
 std::shared_ptr<StreamSlots::Slot> StreamSlots::take(const std::string& viewer) {
   const std::lock_guard lock(mutex_);
-  if (count_ >= most_)
-    throw HttpError(503,
-                    fmt::format("{} live streams are the limit: close a page elsewhere", most_));
+  if (count_ >= max_streams_)
+    throw HttpError(503, fmt::format("the limit of {} live streams is reached; close another page",
+                                     max_streams_));
   auto slot = std::make_shared<Slot>(*this, viewer);
   ++count_;
   ++of_viewer_[viewer];

@@ -20,13 +20,13 @@ namespace tarsier::web {
 //
 // A browser opens at most six connections to a server for all its tabs, and a stream occupies one.
 // Six streams in six windows would leave no connection for other requests. So the streams of a
-// browser with more than kAtOnce take turns: each ends after kTurn, and the page requests it again.
+// browser with more than kMaxConcurrent take turns: each ends after kTurn, and the page requests it again.
 class StreamSlots {
  public:
-  static constexpr std::size_t kAtOnce = 4;
+  static constexpr std::size_t kMaxConcurrent = 4;
   static constexpr std::chrono::milliseconds kTurn{2000};
 
-  explicit StreamSlots(std::size_t most) : most_(most) {}
+  explicit StreamSlots(std::size_t max_streams) : max_streams_(max_streams) {}
 
   // Counts a stream while it lives. Must not outlive its StreamSlots.
   class Slot {
@@ -49,7 +49,7 @@ class StreamSlots {
   [[nodiscard]] std::size_t count() const;
 
  private:
-  const std::size_t most_;
+  const std::size_t max_streams_;
   mutable std::mutex mutex_;
   std::size_t count_ = 0;
   std::map<std::string, std::size_t> of_viewer_;
@@ -58,7 +58,7 @@ class StreamSlots {
 // GET /api/live: hello, states and images of `sessions` (each with the width at which the viewer
 // shows it, px; 0: full size), the end of each, "there is no such session" for `unknown`, and the
 // news of `jobs` (null: none). All of them wake `waker`. A viewer that reads its images slowly gets
-// a lower JPEG quality (ViewerPace), unless another viewer can read more. `now` is the clock.
+// a lower JPEG quality (JpegQualityControl), unless another viewer can read more. `now` is the clock.
 using ClockTime = std::chrono::steady_clock::time_point;
 [[nodiscard]] std::unique_ptr<BodyStream> make_live_stream(
     std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,

@@ -24,7 +24,7 @@ std::string default_workspace() {
   if (data != nullptr && *data == '/') return std::string(data) + "/tarsier";
   const char* home = std::getenv("HOME");
   if (home == nullptr || *home != '/')
-    throw UsageError("there is no home folder: give --workspace DIR");
+    throw UsageError("there is no home folder; set --workspace DIR");
   return std::string(home) + "/.local/share/tarsier";
 }
 
@@ -37,7 +37,7 @@ std::string find_tarsier() {
     if (::access(path.c_str(), X_OK) == 0) return path.lexically_normal().string();
   }
   throw InputError((folder / "tarsier").string(),
-                   "no such program; it does the work and belongs beside tarsier-serve, or in "
+                   "no such program; it must be installed beside tarsier-serve, or in "
                    "../../bin");
 }
 

@@ -46,7 +46,7 @@ void MetricsText::value(double number, const Labels& labels) {
 void add_process_metrics(MetricsText& metrics, double uptime_s, std::string_view version) {
   metrics.family("tarsier_info", "gauge", "The version.");
   metrics.value(1, {{"version", std::string(version)}});
-  metrics.family("tarsier_uptime_seconds", "gauge", "Since the server started.");
+  metrics.family("tarsier_uptime_seconds", "gauge", "Time since the start of the server.");
   metrics.value(uptime_s);
   std::uint64_t size = 0, resident = 0;
   std::ifstream("/proc/self/statm") >> size >> resident;
@@ -66,11 +66,11 @@ void add_job_metrics(MetricsText& metrics, const Jobs& jobs) {
 
 void add_workspace_metrics(MetricsText& metrics, const Workspace& workspace) {
   const Workspace::Space space = workspace.space();
-  metrics.family("tarsier_workspace_bytes", "gauge", "What lies in the workspace.");
+  metrics.family("tarsier_workspace_bytes", "gauge", "Size of the workspace.");
   metrics.value(static_cast<double>(space.used));
-  metrics.family("tarsier_workspace_quota_bytes", "gauge", "What may lie there.");
+  metrics.family("tarsier_workspace_quota_bytes", "gauge", "Maximum size of the workspace.");
   metrics.value(static_cast<double>(space.quota));
-  metrics.family("tarsier_disk_free_bytes", "gauge", "Free on the workspace's disk.");
+  metrics.family("tarsier_disk_free_bytes", "gauge", "Free space on the disk of the workspace.");
   metrics.value(static_cast<double>(space.free));
 }
 
@@ -89,22 +89,22 @@ void add_session_metrics(MetricsText& metrics, const nlohmann::json& sessions) {
   };
   metrics.family("tarsier_sessions", "gauge", "Live sessions.");
   metrics.value(static_cast<double>(sessions.size()));
-  add("tarsier_session_running", "gauge", "Whether it runs.", "running", 1);
+  add("tarsier_session_running", "gauge", "1 if the session is running.", "running", 1);
   add("tarsier_session_frames_total", "counter", "Frames processed.", "frames", 1);
   add("tarsier_session_frames_per_second", "gauge", "Frames a second.", "fps", 1);
   add("tarsier_session_frame_age_seconds", "gauge", "Age of the newest frame.", "age_ms", 0.001);
-  add("tarsier_session_viewers", "gauge", "Who looks at it.", "viewers", 1);
+  add("tarsier_session_viewers", "gauge", "Viewers of the session.", "viewers", 1);
 }
 
 void add_http_metrics(MetricsText& metrics, const HttpFigures& figures) {
   metrics.family("tarsier_http_requests_total", "counter",
-                 "Requests, and of these those that were refused (4xx) or failed (5xx).");
+                 "Requests, with the counts of refused (4xx) and failed (5xx) ones.");
   metrics.value(figures.requests - figures.refused - figures.failed, {{"status", "ok"}});
   metrics.value(figures.refused, {{"status", "4xx"}});
   metrics.value(figures.failed, {{"status", "5xx"}});
   metrics.family("tarsier_http_connections", "gauge", "Open connections.");
   metrics.value(figures.connections);
-  metrics.family("tarsier_http_sent_bytes_total", "counter", "Bytes of answers.");
+  metrics.family("tarsier_http_sent_bytes_total", "counter", "Bytes of responses.");
   metrics.value(figures.sent_bytes);
 }
 

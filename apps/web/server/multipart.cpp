@@ -70,7 +70,7 @@ MultipartParser::MultipartParser(const std::string& boundary, Events events)
 
 bool MultipartParser::fail(std::string why) {
   state_ = State::kBroken;
-  trouble_ = std::move(why);
+  error_ = std::move(why);
   pending_.clear();
   return false;
 }
@@ -121,7 +121,7 @@ bool MultipartParser::step(bool& more) {
       const std::size_t end = pending_.find("\r\n");
       const std::size_t blanks = pending_.find_first_not_of(" \t");
       if (blanks != std::string::npos && pending_[blanks] != '\r')
-        return fail("a boundary is followed by something else than a line end");
+        return fail("a boundary is not followed by a line end");
       if (end == std::string::npos)
         return pending_.size() > kMaxHead ? fail("a boundary line is too long") : true;
       if (++parts_ > kMaxParts) return fail("more than 1000 parts");
@@ -163,7 +163,7 @@ bool MultipartParser::read_head(std::string_view head) {
     if (name == "content-disposition") {
       const std::size_t end = std::min(value.find(';'), value.size());
       if (lower_case(trimmed(value.substr(0, end))) != "form-data")
-        return fail("a part is no form-data");
+        return fail("a part is not form-data");
       const auto field = parameter_of(value.substr(end), "name");
       if (!field) return fail("a part has no name");
       part.name = *field;
@@ -177,7 +177,7 @@ bool MultipartParser::read_head(std::string_view head) {
   if (part.name.size() > kMaxName || part.file_name.size() > kMaxName)
     return fail("a name in the head of a part is too long");
   if (part.name.find('\0') != std::string::npos || part.file_name.find('\0') != std::string::npos)
-    return fail("a name in the head of a part holds a NUL");
+    return fail("a name in the head of a part contains a NUL");
   events_.on_part(part);
   return true;
 }

@@ -33,11 +33,11 @@ class MultipartParser {
     std::function<void()> on_end;
   };
   MultipartParser(const std::string& boundary, Events events);
-  // Returns false if the body is malformed: trouble() has the reason, and there are no more calls.
+  // Returns false if the body is malformed: error() has the reason, and there are no more calls.
   bool feed(std::string_view bytes);
   // Whether the last boundary was received.
   [[nodiscard]] bool is_complete() const { return state_ == State::kDone; }
-  [[nodiscard]] const std::string& trouble() const { return trouble_; }
+  [[nodiscard]] const std::string& error() const { return error_; }
 
  private:
   enum class State { kPreamble, kAfterBoundary, kHead, kContent, kDone, kBroken };
@@ -50,7 +50,7 @@ class MultipartParser {
   State state_ = State::kPreamble;
   std::string pending_;
   std::size_t parts_ = 0;
-  std::string trouble_;
+  std::string error_;
 };
 
 }  // namespace tarsier::web

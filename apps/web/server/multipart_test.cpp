@@ -19,7 +19,7 @@ struct Result {
   std::vector<Part> parts;
   bool is_good = true;
   bool is_complete = false;
-  std::string trouble;
+  std::string error;
 };
 
 Result read(const std::string& body, std::size_t piece = 1 << 20,
@@ -35,7 +35,7 @@ Result read(const std::string& body, std::size_t piece = 1 << 20,
   for (std::size_t at = 0; at < body.size() && result.is_good; at += piece)
     result.is_good = parser.feed(std::string_view(body).substr(at, piece));
   result.is_complete = parser.is_complete();
-  result.trouble = parser.trouble();
+  result.error = parser.error();
   return result;
 }
 
@@ -48,7 +48,7 @@ const std::string kBody =
 TEST(Multipart, ReadsPartsInPiecesOfAnySize) {
   for (const std::size_t piece : {1U, 2U, 3U, 5U, 7U, 64U, 1U << 20U}) {
     const Result result = read(kBody, piece);
-    ASSERT_TRUE(result.is_good) << result.trouble;
+    ASSERT_TRUE(result.is_good) << result.error;
     EXPECT_TRUE(result.is_complete);
     ASSERT_EQ(result.parts.size(), 3U) << piece;
     EXPECT_EQ(result.parts[0].head.name, "a");
@@ -63,17 +63,17 @@ TEST(Multipart, ReadsPartsInPiecesOfAnySize) {
   }
 }
 
-TEST(Multipart, PassesOverAPreamble) {
+TEST(Multipart, SkipsAPreamble) {
   const Result result = read("a preamble\r\n" + kBody);
   EXPECT_EQ(result.parts.size(), 3U);
 }
 
-TEST(Multipart, ABodyThatIsCutShortIsNotComplete) {
+TEST(Multipart, ATruncatedBodyIsNotComplete) {
   for (std::size_t size = 0; size + 14 < kBody.size(); ++size)
     EXPECT_FALSE(read(kBody.substr(0, size)).is_complete) << size;
 }
 
-TEST(Multipart, RefusesWhatIsMalformed) {
+TEST(Multipart, RefusesMalformedBodies) {
   EXPECT_FALSE(read("--xxabc\r\n\r\n\r\n").is_good);
   EXPECT_FALSE(read("--xx\r\n\r\ncontent\r\n--xx--").is_good);
   EXPECT_FALSE(read("--xx\r\nContent-Disposition: attachment; name=a\r\n\r\n\r\n--xx--").is_good);

@@ -77,9 +77,10 @@ bool OriginRules::is_own_host(std::string_view text) const {
   for (const std::string_view scheme : {"https://", "http://"}) {
     if (!proxy_origin.starts_with(scheme)) continue;
     const auto own = parse_host(std::string_view(proxy_origin).substr(scheme.size()));
-    const std::uint16_t usual = default_port(scheme == "https://");
+    const std::uint16_t scheme_port = default_port(scheme == "https://");
     return own && own->host == host->host &&
-           (own->port != 0 ? own->port : usual) == (host->port != 0 ? host->port : usual);
+           (own->port != 0 ? own->port : scheme_port) ==
+               (host->port != 0 ? host->port : scheme_port);
   }
   return false;
 }
@@ -100,7 +101,8 @@ bool OriginRules::is_own_origin(std::string_view text) const {
 std::optional<OriginRules::Refusal> OriginRules::refusal(const Head& head) const {
   if (!head.has_host || head.host.empty()) return Refusal{400, "the request has no Host header"};
   if (!is_own_host(head.host))
-    return Refusal{421, "this server has another name: open the link that tarsier serve printed"};
+    return Refusal{421,
+                   "this server has a different name: open the link that tarsier serve printed"};
   if (!head.origin.empty() && !is_own_origin(head.origin))
     return Refusal{403, "requests from other sites are refused"};
   const bool is_api = head.path.starts_with("/api/") || head.path == "/metrics";

@@ -29,7 +29,7 @@ int status(const OriginRules& rules, const OriginRules::Head& head) {
   return refusal ? refusal->status : 200;
 }
 
-TEST(OriginRules, TakesItsOwnNamesAlone) {
+TEST(OriginRules, AcceptsOnlyItsOwnHosts) {
   const OriginRules rules = loopback();
   for (const char* host : {"localhost:8765", "127.0.0.1:8765", "[::1]:8765", "LocalHost:8765"})
     EXPECT_EQ(status(rules, request(host)), 200) << host;
@@ -40,7 +40,7 @@ TEST(OriginRules, TakesItsOwnNamesAlone) {
   EXPECT_EQ(status(rules, request("")), 400);
 }
 
-TEST(OriginRules, TheDefaultPortMayBeLeftOut) {
+TEST(OriginRules, TheDefaultPortMayBeOmitted) {
   OriginRules rules = loopback();
   rules.port = 80;
   EXPECT_EQ(status(rules, request("localhost")), 200);
@@ -51,7 +51,7 @@ TEST(OriginRules, TheDefaultPortMayBeLeftOut) {
   EXPECT_EQ(status(rules, request("localhost")), 200);
 }
 
-TEST(OriginRules, TakesItsOwnOriginAlone) {
+TEST(OriginRules, AcceptsOnlyItsOwnOrigin) {
   const OriginRules rules = loopback();
   OriginRules::Head head = request("localhost:8765");
   head.origin = "http://localhost:8765";
@@ -112,7 +112,7 @@ TEST(OriginRules, BehindAProxy) {
   }
 }
 
-TEST(NormalOrigin, RefusesWhatIsNone) {
+TEST(NormalOrigin, RefusesInvalidOrigins) {
   EXPECT_EQ(normal_origin("http://a:80"), "http://a");
   EXPECT_EQ(normal_origin("https://a:80"), "https://a:80");
   EXPECT_EQ(normal_origin("https://[::1]:8765"), "https://[::1]:8765");

@@ -328,18 +328,18 @@ QrCode make_qr_code(std::string_view bytes) {
 }
 
 std::string draw_qr_code(const QrCode& code) {
-  constexpr int kQuiet = 2;
+  constexpr int kQuietZone = 2;
   std::string text;
   const auto is_light = [&](int row, int column) {
     const bool inside = row >= 0 && column >= 0 && row < code.size && column < code.size;
     return !inside || !code.at(row, column);
   };
-  for (int row = -kQuiet; row < code.size + kQuiet; row += 2) {
+  for (int row = -kQuietZone; row < code.size + kQuietZone; row += 2) {
     // White on black, independent of the terminal's colours.
     text += "\x1b[37;40m";
-    for (int column = -kQuiet; column < code.size + kQuiet; ++column) {
+    for (int column = -kQuietZone; column < code.size + kQuietZone; ++column) {
       const bool upper = is_light(row, column);
-      const bool lower = row + 1 < code.size + kQuiet && is_light(row + 1, column);
+      const bool lower = row + 1 < code.size + kQuietZone && is_light(row + 1, column);
       text += upper ? (lower ? "\u2588" : "\u2580") : (lower ? "\u2584" : " ");
     }
     text += "\x1b[0m\n";

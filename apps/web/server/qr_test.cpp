@@ -15,7 +15,7 @@ namespace {
 using testing::ElementsAre;
 
 // The example "01234567" of ISO/IEC 18004, annex I: version 1, level M.
-TEST(QrCode, ErrorCorrectionOfTheStandardsExample) {
+TEST(QrCode, ErrorCorrectionMatchesTheStandardsExample) {
   EXPECT_THAT(qr_error_correction({0x10, 0x20, 0x0c, 0x56, 0x61, 0x80, 0xec, 0x11, 0xec, 0x11, 0xec,
                                    0x11, 0xec, 0x11, 0xec, 0x11},
                                   10),
@@ -32,7 +32,7 @@ TEST(QrCode, FormatAndVersionBits) {
   EXPECT_EQ(qr_version_bits(10), 0x0a4d3U);
 }
 
-TEST(QrCode, TakesTheSmallestVersion) {
+TEST(QrCode, ChoosesTheSmallestVersion) {
   EXPECT_EQ(make_qr_code("").size, 21);
   EXPECT_EQ(make_qr_code(std::string(17, 'a')).size, 21);
   EXPECT_EQ(make_qr_code(std::string(18, 'a')).size, 25);
@@ -47,7 +47,7 @@ TEST(QrCode, TakesTheSmallestVersion) {
 // `qrencode -8 -l L -m 0 -t ASCII`, "1" for dark, row by row, and the SHA-256 of that. Version 9 has
 // two blocks, two groups of alignment patterns, and its version written out. (zbarimg decodes these
 // and shorter codes; Debian's OpenCV is built without its decoder.)
-TEST(QrCode, IsTheSameAsThatOfAnotherEncoder) {
+TEST(QrCode, MatchesAnotherEncoder) {
   const auto sum_of = [](const QrCode& code) {
     Sha256 sum;
     for (int row = 0; row < code.size; ++row) {

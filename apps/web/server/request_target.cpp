@@ -38,7 +38,7 @@ std::optional<ByteRange> parse_range(std::string_view text, std::uint64_t size,
                                      bool& unsatisfiable) {
   unsatisfiable = false;
   constexpr std::string_view kUnit = "bytes=";
-  constexpr std::int64_t kMost = std::int64_t{1} << 60;
+  constexpr std::int64_t kMaxOffset = std::int64_t{1} << 60;
   if (!text.starts_with(kUnit)) return std::nullopt;
   text.remove_prefix(kUnit.size());
   const std::size_t dash = text.find('-');
@@ -48,7 +48,7 @@ std::optional<ByteRange> parse_range(std::string_view text, std::uint64_t size,
   const auto number = [&](std::string_view digits) -> std::optional<std::uint64_t> {
     if (digits.empty() || digits.find_first_not_of("0123456789") != std::string_view::npos)
       return std::nullopt;
-    const auto value = to_integer(digits, 0, kMost);
+    const auto value = to_integer(digits, 0, kMaxOffset);
     return value ? std::optional<std::uint64_t>(static_cast<std::uint64_t>(*value)) : std::nullopt;
   };
   ByteRange range;

@@ -23,35 +23,38 @@ std::vector<std::string_view> segments_of(std::string_view path) {
   }
 }
 
-bool is_hole(std::string_view segment) { return segment.starts_with('{'); }
-bool is_rest(std::string_view segment) { return is_hole(segment) && segment.ends_with("...}"); }
-std::string hole_name(std::string_view segment) {
+bool is_parameter(std::string_view segment) { return segment.starts_with('{'); }
+bool is_tail_parameter(std::string_view segment) {
+  return is_parameter(segment) && segment.ends_with("...}");
+}
+std::string parameter_name(std::string_view segment) {
   segment.remove_prefix(1);
-  segment.remove_suffix(is_rest(std::string_view(segment.data() - 1, segment.size() + 1)) ? 4 : 1);
+  segment.remove_suffix(
+      is_tail_parameter(std::string_view(segment.data() - 1, segment.size() + 1)) ? 4 : 1);
   return std::string(segment);
 }
 
 bool matches(std::string_view pattern, std::string_view path,
              std::map<std::string, std::string>& params) {
-  const auto wanted = segments_of(pattern);
-  const auto given = segments_of(path);
+  const auto pattern_segments = segments_of(pattern);
+  const auto path_segments = segments_of(path);
   params.clear();
-  for (std::size_t i = 0; i < wanted.size(); ++i) {
-    if (i >= given.size()) return false;
-    if (is_rest(wanted[i])) {
-      const auto begin = static_cast<std::size_t>(given[i].data() - path.data());
+  for (std::size_t i = 0; i < pattern_segments.size(); ++i) {
+    if (i >= path_segments.size()) return false;
+    if (is_tail_parameter(pattern_segments[i])) {
+      const auto begin = static_cast<std::size_t>(path_segments[i].data() - path.data());
       if (begin >= path.size()) return false;
-      params[hole_name(wanted[i])] = std::string(path.substr(begin));
+      params[parameter_name(pattern_segments[i])] = std::string(path.substr(begin));
       return true;
     }
-    if (is_hole(wanted[i])) {
-      if (given[i].empty()) return false;
-      params[hole_name(wanted[i])] = std::string(given[i]);
-    } else if (wanted[i] != given[i]) {
+    if (is_parameter(pattern_segments[i])) {
+      if (path_segments[i].empty()) return false;
+      params[parameter_name(pattern_segments[i])] = std::string(path_segments[i]);
+    } else if (pattern_segments[i] != path_segments[i]) {
       return false;
     }
   }
-  return wanted.size() == given.size();
+  return pattern_segments.size() == path_segments.size();
 }
 
 // The more literal pattern compares greater.
@@ -59,7 +62,7 @@ bool is_more_literal(std::string_view a, std::string_view b) {
   const auto of_a = segments_of(a);
   const auto of_b = segments_of(b);
   const auto rank = [](std::string_view segment) {
-    return is_rest(segment) ? 0 : is_hole(segment) ? 1 : 2;
+    return is_tail_parameter(segment) ? 0 : is_parameter(segment) ? 1 : 2;
   };
   for (std::size_t i = 0; i < std::min(of_a.size(), of_b.size()); ++i) {
     if (rank(of_a[i]) != rank(of_b[i])) return rank(of_a[i]) > rank(of_b[i]);
@@ -112,7 +115,7 @@ nlohmann::json Request::json() const {
   };
   nlohmann::json value = nlohmann::json::parse(body, watch, false);
   if (too_deep) throw HttpError(400, "the body is nested too deeply");
-  if (value.is_discarded()) throw HttpError(400, "the body is no JSON");
+  if (value.is_discarded()) throw HttpError(400, "the body is not JSON");
   return value;
 }
 
@@ -175,9 +178,10 @@ void Router::add(const std::string& method, const std::string& pattern, Handler 
   TARSIER_REQUIRE(pattern.starts_with('/'), "{} must begin with '/'", pattern);
   const auto segments = segments_of(pattern);
   for (std::size_t i = 0; i < segments.size(); ++i) {
-    TARSIER_REQUIRE(!is_hole(segments[i]) || (segments[i].ends_with('}') && segments[i].size() > 2),
-                    "{}", pattern);
-    TARSIER_REQUIRE(!is_rest(segments[i]) || i + 1 == segments.size(), "{}", pattern);
+    TARSIER_REQUIRE(
+        !is_parameter(segments[i]) || (segments[i].ends_with('}') && segments[i].size() > 2), "{}",
+        pattern);
+    TARSIER_REQUIRE(!is_tail_parameter(segments[i]) || i + 1 == segments.size(), "{}", pattern);
   }
   for (const auto& route : routes_)
     TARSIER_REQUIRE(route->method != method || route->pattern != pattern, "{} {} twice", method,
@@ -188,12 +192,12 @@ void Router::add(const std::string& method, const std::string& pattern, Handler 
 
 Router::Match Router::find(std::string_view method, std::string_view path) const {
   Match match;
-  const std::string_view wanted = method == "HEAD" ? "GET" : method;
+  const std::string_view route_method = method == "HEAD" ? "GET" : method;
   std::vector<std::string> others;
   for (const auto& route : routes_) {
     std::map<std::string, std::string> params;
     if (!matches(route->pattern, path, params)) continue;
-    if (route->method != wanted) {
+    if (route->method != route_method) {
       others.push_back(route->method);
     } else if (match.route == nullptr || is_more_literal(route->pattern, match.route->pattern)) {
       match.route = route.get();

@@ -33,7 +33,7 @@ TEST(Router, FindsTheMostLiteralPattern) {
   EXPECT_EQ(router.find("GET", "/api/jobs/7/files/a/b.png").params.at("path"), "a/b.png");
 }
 
-TEST(Router, TellsOfOtherMethods) {
+TEST(Router, ReportsAllowedMethods) {
   Router router;
   router.add("POST", "/api/sets", answer);
   router.add("GET", "/api/sets", answer);

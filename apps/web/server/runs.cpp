@@ -80,7 +80,7 @@ Json flag_value(const Json& flag, const std::string& text) {
   return text;  // the type check refuses it
 }
 
-std::string image_ending(const std::string& head) {
+std::string image_extension(const std::string& head) {
   const auto format =
       probe_image({reinterpret_cast<const std::uint8_t*>(head.data()), head.size()});
   if (!format) return {};
@@ -115,23 +115,23 @@ class ImagesOfRequest {
             read_file(request.body_file, static_cast<std::int64_t>(workspace.limits().file_bytes));
       add(bytes, "image");
     }
-    if (images_.empty()) throw HttpError(400, "the body holds no image");
+    if (images_.empty()) throw HttpError(400, "the body has no image");
   }
   [[nodiscard]] const std::vector<Runs::Image>& images() const { return images_; }
 
  private:
   void add(const std::string& bytes, std::string name) {
     if (bytes.empty()) throw HttpError(400, "the body is empty; send an image");
-    const std::string ending = image_ending(bytes);
+    const std::string extension = image_extension(bytes);
     FileType type = FileType::kOther;
-    const std::string trouble =
-        find_upload_trouble("image" + ending, bytes, workspace_.limits().pixels, type);
-    if (type != FileType::kImage || !trouble.empty()) {
-      throw HttpError(415, trouble.empty() ? "the body is no image" : trouble);
+    const std::string error =
+        upload_error("image" + extension, bytes, workspace_.limits().pixels, type);
+    if (type != FileType::kImage || !error.empty()) {
+      throw HttpError(415, error.empty() ? "the body is not an image" : error);
     }
     if (images_.size() >= kMaxImages)
-      throw HttpError(413, fmt::format("more than {} images; make a set", kMaxImages));
-    const std::string path = fmt::format("{}/input-{:03}{}", folder_, images_.size(), ending);
+      throw HttpError(413, fmt::format("more than {} images; upload a set instead", kMaxImages));
+    const std::string path = fmt::format("{}/input-{:03}{}", folder_, images_.size(), extension);
     write_file_atomically(path, bytes);
     if (!is_one_line(name, 200) || name.empty()) name = "image";
     images_.push_back({path, std::move(name)});
@@ -162,8 +162,8 @@ class ImagesOfRequest {
     std::string body = request.body;
     if (!request.body_file.empty())
       body = read_file(request.body_file, static_cast<std::int64_t>(kMaxForm));
-    if (!parser.feed(body)) throw HttpError(400, "the form is malformed: " + parser.trouble());
-    if (!parser.is_complete()) throw HttpError(400, "the form is cut short");
+    if (!parser.feed(body)) throw HttpError(400, "the form is malformed: " + parser.error());
+    if (!parser.is_complete()) throw HttpError(400, "the form is incomplete");
     if (is_large) throw HttpError(413, "an image is larger than 64 MB");
     for (const auto& [content, file_name] : files) {
       const std::size_t slash = file_name.find_last_of("/\\");
@@ -196,21 +196,21 @@ Response verb_response(const Request& request, Runs& runs, Workspace& workspace)
       request.params.contains("verb") ? area + ' ' + request.param("verb") : area;
   const ImageVerb* row = find_image_verb(verb);
   if (row == nullptr) {
-    throw HttpError(404,
-                    fmt::format("'{}' takes no images here; /api/openapi.json lists those that do, "
-                                "POST /api/run and /api/jobs start all verbs",
-                                verb));
+    throw HttpError(
+        404, fmt::format("'{}' accepts no images here; /api/openapi.json lists the verbs that do, "
+                         "POST /api/run and /api/jobs start all verbs",
+                         verb));
   }
   const std::string_view accept = request.header("accept");
   std::string drawing;
   if (accept.find("image/png") != std::string_view::npos) drawing = "drawing.png";
   if (accept.find("image/jpeg") != std::string_view::npos) drawing = "drawing.jpg";
   if (!drawing.empty() && !row->draws)
-    throw HttpError(406, fmt::format("'{}' draws nothing", verb));
+    throw HttpError(406, fmt::format("'{}' makes no drawing", verb));
   const Runs::Folder folder(workspace);
   const ImagesOfRequest images(request, workspace, folder.path());
   if (!drawing.empty() && images.images().size() != 1) {
-    throw HttpError(400, "a drawing is made of one image");
+    throw HttpError(400, "a drawing needs exactly one image");
   }
   const Runs::Result result =
       runs.run_on(verb, images.images(), request.query, drawing, request.address);
@@ -272,7 +272,7 @@ Runs::Result Runs::run(const Json& object, const std::string& address) {
   const VerbRequest request = verb_request(object);
   const Folder folder(host_.workspace);
   const CommandLine command = host_.command(request, Use::kRun, folder.path() + "/files");
-  host_.tell_audit(command, request, address);
+  host_.write_audit(command, request, address);
   Result result = execute(command, folder);
   if (request.verb == "people forget" && !request.inputs.empty() && result.exit == 0 &&
       host_.forgotten) {
@@ -285,7 +285,7 @@ Runs::Result Runs::run(const Json& object, const std::string& address) {
     if (::lstat(path.c_str(), &status) != 0 || !S_ISREG(status.st_mode)) return;
     sum += static_cast<std::uint64_t>(status.st_size);
     if (sum > options_.file_bytes) {
-      throw HttpError(413, "the results are too large for an answer; start it as a job");
+      throw HttpError(413, "the results are too large for a response; start a job");
     }
     result.files.emplace_back(path.substr(made.size() + 1),
                               read_file(path, static_cast<std::int64_t>(options_.file_bytes)));
@@ -350,7 +350,7 @@ Runs::Result Runs::run_on(const std::string& verb, const std::vector<Image>& ima
                                       },
                                       host_.source, folder.path() + "/files"});
   for (const Image& image : images) command.secrets.emplace_back(image.path, image.name);
-  host_.tell_audit(command, request, address);
+  host_.write_audit(command, request, address);
   Result result = execute(command, folder);
   if (const std::string path = folder.path() + "/files/" + drawing;
       !drawing.empty() && fs::is_regular_file(path)) {
@@ -372,20 +372,20 @@ Runs::Result Runs::execute(const CommandLine& command, const Folder& folder) {
     std::unique_lock lock(mutex_);
     if (!freed_.wait_for(lock, options_.wait,
                          [&] { return is_stopping_ || running_ < options_.parallel; })) {
-      throw HttpError(429, "too many runs at a time; come back in some seconds");
+      throw HttpError(429, "too many runs at the same time; try again in some seconds");
     }
-    if (is_stopping_) throw HttpError(503, "the server is ending");
+    if (is_stopping_) throw HttpError(503, "the server is stopping");
     ++running_;
   }
-  const auto free_place = [this](void*) {
+  const auto release_slot = [this](void*) {
     const std::lock_guard lock(mutex_);
     --running_;
     freed_.notify_one();
   };
-  const std::unique_ptr<void, decltype(free_place)> place(this, free_place);
+  const std::unique_ptr<void, decltype(release_slot)> place(this, release_slot);
 
   Result result;
-  result.command = command.shown;
+  result.command = command.shell_text;
   std::mutex mutex;
   std::size_t bytes = 0;
   bool is_large = false;
@@ -411,7 +411,7 @@ Runs::Result Runs::execute(const CommandLine& command, const Folder& folder) {
     end = child.wait(std::chrono::milliseconds(50));
     {
       const std::lock_guard lock(mutex_);
-      if (is_stopping_) throw HttpError(503, "the server is ending");  // kills the child
+      if (is_stopping_) throw HttpError(503, "the server is stopping");  // kills the child
     }
     const std::lock_guard lock(mutex);
     if (is_large) break;

@@ -21,7 +21,7 @@ TEST(Secrets, AreDifferentAndLookLikeSecrets) {
   EXPECT_TRUE(looks_like_secret(hash_of(one)));
 }
 
-TEST(Secrets, EqualTheirCopiesAlone) {
+TEST(Secrets, EqualOnlyTheirCopies) {
   const std::string secret = new_secret();
   EXPECT_TRUE(equals_in_constant_time(std::string(secret), secret));
   for (std::size_t i = 0; i < secret.size(); ++i) {
@@ -37,7 +37,7 @@ TEST(Secrets, EqualTheirCopiesAlone) {
 
 // The second half of this secret cannot be read: who compares to its end must fail there, also
 // where the first character is wrong already.
-TEST(SecretsDeathTest, AreComparedToTheirEndWhateverIsGiven) {
+TEST(SecretsDeathTest, AreComparedToTheEnd) {
   GTEST_FLAG_SET(death_test_style, "threadsafe");
   const auto page = static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
   void* memory =

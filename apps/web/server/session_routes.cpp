@@ -33,7 +33,7 @@ void add_session_routes(Router& router, SignIns& sign_ins, AuditLog& audit, bool
                if (wait) {
                  audit.write("sign-in refused", request.address, {{"reason", "too many tries"}});
                  Response response = error_response(
-                     429, fmt::format("too many tries to sign in; wait {} s and try again", *wait));
+                     429, fmt::format("too many sign-in attempts; wait {} s, then retry", *wait));
                  response.headers.emplace_back("Retry-After", std::to_string(*wait));
                  return response;
                }
@@ -44,7 +44,7 @@ void add_session_routes(Router& router, SignIns& sign_ins, AuditLog& audit, bool
                  audit.write("sign-in refused", request.address, {{"reason", "no such link"}});
                  throw HttpError(
                      401,
-                     "this link is used up or too old: `tarsier serve --link` prints a new "
+                     "this link is used up or expired: `tarsier serve --link` prints a new "
                      "one");
                }
                audit.write("sign-in", request.address,

@@ -141,8 +141,9 @@ std::string make_link_token(const std::string& folder) {
   return token;
 }
 
-SignIns::SignIns(std::string folder, std::function<WallClock::time_point()> now, std::size_t most)
-    : folder_(std::move(folder)), now_(std::move(now)), most_(most) {
+SignIns::SignIns(std::string folder, std::function<WallClock::time_point()> now,
+                 std::size_t max_sign_ins)
+    : folder_(std::move(folder)), now_(std::move(now)), max_sign_ins_(max_sign_ins) {
   make_private_folder(folder_);
   make_private_folder(folder_ + "/links");
   make_private_folder(folder_ + "/sign-ins");
@@ -175,27 +176,27 @@ void SignIns::load() {
       continue;
     }
     const nlohmann::json details = read_details(entry.path());
-    Kept& kept = cookies_[hash];
-    kept.began = kept.used = *begin;
+    StoredSignIn& stored = cookies_[hash];
+    stored.began = stored.used = *begin;
     const auto used = details.find("used");
     if (used != details.end() && used->is_number_integer() && *used >= seconds_of(*begin) &&
         *used <= seconds_of(now))
-      kept.used = WallClock::time_point(std::chrono::seconds(used->get<std::int64_t>()));
-    kept.written = kept.used;
-    kept.address = text_of(details, "address");
-    kept.used_from = text_of(details, "used_from");
-    kept.agent = text_of(details, "agent");
+      stored.used = WallClock::time_point(std::chrono::seconds(used->get<std::int64_t>()));
+    stored.written = stored.used;
+    stored.address = text_of(details, "address");
+    stored.used_from = text_of(details, "used_from");
+    stored.agent = text_of(details, "agent");
   }
 }
 
-void SignIns::write(const std::string& hash, Kept& kept) const {
-  const nlohmann::json details{{"used", seconds_of(kept.used)},
-                               {"address", kept.address},
-                               {"used_from", kept.used_from},
-                               {"agent", kept.agent}};
+void SignIns::write(const std::string& hash, StoredSignIn& stored) const {
+  const nlohmann::json details{{"used", seconds_of(stored.used)},
+                               {"address", stored.address},
+                               {"used_from", stored.used_from},
+                               {"agent", stored.agent}};
   write_secret_file(folder_ + "/sign-ins/" + hash,
-                    std::to_string(seconds_of(kept.began)) + "\n" + to_text(details) + "\n");
-  kept.written = kept.used;
+                    std::to_string(seconds_of(stored.began)) + "\n" + to_text(details) + "\n");
+  stored.written = stored.used;
 }
 
 std::optional<std::string> SignIns::exchange(std::string_view token, std::string_view address,
@@ -208,7 +209,7 @@ std::optional<std::string> SignIns::exchange(std::string_view token, std::string
   if (::unlink(link.c_str()) != 0) return std::nullopt;
   const WallClock::time_point now = now_();
   if (!made || now - *made > kLinkLife) return std::nullopt;
-  while (cookies_.size() >= most_) {
+  while (cookies_.size() >= max_sign_ins_) {
     const auto oldest = std::min_element(
         cookies_.begin(), cookies_.end(),
         [](const auto& a, const auto& b) { return a.second.began < b.second.began; });
@@ -216,9 +217,9 @@ std::optional<std::string> SignIns::exchange(std::string_view token, std::string
   }
   std::string cookie = new_secret();
   const std::string hash = hash_of(cookie);
-  Kept kept{now, now, now, plain_line(address), plain_line(address), plain_line(agent)};
-  write(hash, kept);
-  cookies_[hash] = std::move(kept);
+  StoredSignIn stored{now, now, now, plain_line(address), plain_line(address), plain_line(agent)};
+  write(hash, stored);
+  cookies_[hash] = std::move(stored);
   return cookie;
 }
 
@@ -229,19 +230,19 @@ bool SignIns::is_signed_in(std::string_view cookie, std::string_view address) {
   const auto found = cookies_.find(hash);
   if (found == cookies_.end()) return false;
   const WallClock::time_point now = now_();
-  Kept& kept = found->second;
-  if (now - kept.began > kCookieLife) {
+  StoredSignIn& stored = found->second;
+  if (now - stored.began > kCookieLife) {
     forget(hash);
     return false;
   }
-  kept.used = std::max(kept.used, now);
-  const bool has_moved = !address.empty() && address != kept.used_from;
-  if (has_moved) kept.used_from = plain_line(address);
-  if (has_moved || kept.used - kept.written > kUsedEvery) {
+  stored.used = std::max(stored.used, now);
+  const bool has_moved = !address.empty() && address != stored.used_from;
+  if (has_moved) stored.used_from = plain_line(address);
+  if (has_moved || stored.used - stored.written > kUsedEvery) {
     try {
-      write(hash, kept);
+      write(hash, stored);
     } catch (const OutputError& error) {
-      kept.written = kept.used;  // so that the next try is later
+      stored.written = stored.used;  // so that the next try is later
       log_warning("{}", error.what());
     }
   }
@@ -255,10 +256,10 @@ std::vector<SignIns::SignIn> SignIns::list() const {
   std::vector<SignIn> result;
   {
     const std::lock_guard lock(mutex_);
-    for (const auto& [hash, kept] : cookies_) {
-      if (now - kept.began > kCookieLife) continue;
-      result.push_back({hash.substr(0, kIdDigits), kept.began, kept.used, kept.address,
-                        kept.used_from, kept.agent});
+    for (const auto& [hash, stored] : cookies_) {
+      if (now - stored.began > kCookieLife) continue;
+      result.push_back({hash.substr(0, kIdDigits), stored.began, stored.used, stored.address,
+                        stored.used_from, stored.agent});
     }
   }
   std::sort(result.begin(), result.end(), [](const SignIn& a, const SignIn& b) {

@@ -46,11 +46,11 @@ class SignIns {
  public:
   static constexpr std::chrono::hours kLinkLife{24};
   static constexpr std::chrono::hours kCookieLife{24 * 30};
-  static constexpr std::size_t kMost = 1000;  // sign-ins; beyond that the oldest one ends
+  static constexpr std::size_t kMaxSignIns = 1000;  // sign-ins; beyond that the oldest one ends
 
   // Creates missing files and removes expired links and sign-ins. Throws OutputError.
   explicit SignIns(std::string folder, std::function<WallClock::time_point()> now = &WallClock::now,
-                   std::size_t most = kMost);
+                   std::size_t max_sign_ins = kMaxSignIns);
 
   // Exchanges the token of a link, which is then invalid, for the cookie's secret; nullopt for any
   // other token. list() shows `address` and `agent`, the browser's name.
@@ -90,7 +90,7 @@ class SignIns {
   [[nodiscard]] std::size_t count() const;
 
  private:
-  struct Kept {
+  struct StoredSignIn {
     WallClock::time_point began;
     WallClock::time_point used;
     WallClock::time_point written;  // `used` as in the file
@@ -100,14 +100,14 @@ class SignIns {
   };
   void load();
   void forget(const std::string& hash);
-  void write(const std::string& hash, Kept& kept) const;
+  void write(const std::string& hash, StoredSignIn& stored) const;
 
   const std::string folder_;
   const std::function<WallClock::time_point()> now_;
-  const std::size_t most_;
+  const std::size_t max_sign_ins_;
   mutable std::mutex mutex_;  // protects the following members
   std::string api_token_;
-  std::map<std::string, Kept> cookies_;  // by hash
+  std::map<std::string, StoredSignIn> cookies_;  // by hash
 };
 
 // The name of the cookie of signed-in browsers.

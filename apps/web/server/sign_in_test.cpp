@@ -31,7 +31,7 @@ class SignInTest : public testing::Test {
   WallClock::time_point now_ = WallClock::now();
 };
 
-TEST_F(SignInTest, ALinkIsForOnce) {
+TEST_F(SignInTest, ALinkSignsInOnce) {
   SignIns sign_ins = make();
   const std::string token = make_link_token(folder_);
   EXPECT_TRUE(looks_like_secret(token));
@@ -44,14 +44,14 @@ TEST_F(SignInTest, ALinkIsForOnce) {
   EXPECT_FALSE(sign_ins.is_signed_in(*cookie + "0"));
 }
 
-TEST_F(SignInTest, NothingElseIsALink) {
+TEST_F(SignInTest, OtherTokensAreRefused) {
   SignIns sign_ins = make();
   for (const std::string& token : {std::string(), std::string("../api-token"), std::string(64, 'A'),
                                    std::string(64, '0'), std::string("a\0b", 3)})
     EXPECT_EQ(sign_ins.exchange(token), std::nullopt) << token;
 }
 
-TEST_F(SignInTest, ALinkIsGoodForADay) {
+TEST_F(SignInTest, ALinkExpiresAfterADay) {
   SignIns sign_ins = make();
   const std::string token = make_link_token(folder_);
   now_ += SignIns::kLinkLife + seconds(2);
@@ -60,7 +60,7 @@ TEST_F(SignInTest, ALinkIsGoodForADay) {
   EXPECT_EQ(sign_ins.exchange(token), std::nullopt);  // it was used up
 }
 
-TEST_F(SignInTest, SignInsOutliveTheServerForThirtyDays) {
+TEST_F(SignInTest, SignInsSurviveRestartsForThirtyDays) {
   std::string cookie;
   {
     SignIns sign_ins = make();
@@ -76,7 +76,7 @@ TEST_F(SignInTest, SignInsOutliveTheServerForThirtyDays) {
   EXPECT_FALSE(make().is_signed_in(cookie));
 }
 
-TEST_F(SignInTest, SigningOutIsForGood) {
+TEST_F(SignInTest, SigningOutSurvivesARestart) {
   SignIns sign_ins = make();
   const std::string first = sign_ins.exchange(make_link_token(folder_)).value();
   const std::string second = sign_ins.exchange(make_link_token(folder_)).value();
@@ -124,7 +124,7 @@ TEST_F(SignInTest, AreListedAndRevoked) {
   EXPECT_EQ(make().list().size(), 1U);
 }
 
-TEST_F(SignInTest, OfEarlierVersionsHoldToo) {
+TEST_F(SignInTest, ReadsSignInsOfEarlierVersions) {
   const std::string cookie = make().exchange(make_link_token(folder_)).value();
   for (const auto& entry : std::filesystem::directory_iterator(folder_ + "/sign-ins")) {
     std::string time;
@@ -184,21 +184,21 @@ TEST_F(SignInTest, AStreamEndsWithItsSignIn) {
   EXPECT_EQ(stream->read({&byte, 1}, -1), -1);
 }
 
-TEST_F(SignInTest, TheOldestEndsWhereThereAreTooMany) {
-  constexpr std::size_t kMost = 4;
+TEST_F(SignInTest, TheOldestEndsWhenThereAreTooMany) {
+  constexpr std::size_t kMaxSignIns = 4;
   SignIns sign_ins(
-      folder_, [this] { return now_; }, kMost);
+      folder_, [this] { return now_; }, kMaxSignIns);
   std::string first;
-  for (std::size_t i = 0; i <= kMost; ++i) {
+  for (std::size_t i = 0; i <= kMaxSignIns; ++i) {
     const std::string cookie = sign_ins.exchange(make_link_token(folder_)).value();
     if (i == 0) first = cookie;
     now_ += seconds(1);
   }
-  EXPECT_EQ(sign_ins.count(), kMost);
+  EXPECT_EQ(sign_ins.count(), kMaxSignIns);
   EXPECT_FALSE(sign_ins.is_signed_in(first));
 }
 
-TEST_F(SignInTest, FilesAreTheOwnersAndHoldNoSecrets) {
+TEST_F(SignInTest, FilesArePrivateAndHoldNoSecrets) {
   SignIns sign_ins = make();
   const std::string token = make_link_token(folder_);
   const std::string unused = make_link_token(folder_);
@@ -218,7 +218,7 @@ TEST_F(SignInTest, FilesAreTheOwnersAndHoldNoSecrets) {
   }
 }
 
-TEST_F(SignInTest, TheApiTokenStaysAndIsClosedToOthers) {
+TEST_F(SignInTest, TheApiTokenSurvivesARestartAndIsPrivate) {
   std::string token;
   {
     SignIns sign_ins = make();
@@ -239,12 +239,12 @@ TEST_F(SignInTest, TheApiTokenStaysAndIsClosedToOthers) {
   EXPECT_FALSE(sign_ins.is_api_token(""));
 }
 
-TEST(Csrf, FollowsFromTheCookie) {
+TEST(Csrf, IsDerivedFromTheCookie) {
   EXPECT_EQ(SignIns::csrf_of("a"), SignIns::csrf_of("a"));
   EXPECT_NE(SignIns::csrf_of("a"), SignIns::csrf_of("b"));
 }
 
-TEST(RateLimit, TenTriesAMinuteForEachAddress) {
+TEST(RateLimit, AllowsTenTriesPerMinuteAndAddress) {
   RateLimit limit(10, seconds(60));
   const RateLimit::Clock::time_point begin{};
   for (int i = 0; i < 10; ++i)
@@ -255,7 +255,7 @@ TEST(RateLimit, TenTriesAMinuteForEachAddress) {
   EXPECT_EQ(limit.refused("192.0.2.1", begin + seconds(60)), std::nullopt);
 }
 
-TEST(RateLimit, CountsNetworksOfIPv6) {
+TEST(RateLimit, CountsIPv6ByNetwork) {
   RateLimit limit(1, seconds(60));
   const RateLimit::Clock::time_point begin{};
   EXPECT_EQ(limit.refused("2001:db8::1", begin), std::nullopt);
@@ -263,7 +263,7 @@ TEST(RateLimit, CountsNetworksOfIPv6) {
   EXPECT_EQ(limit.refused("2001:db8:0:1::1", begin), std::nullopt);
 }
 
-TEST(RateLimit, ForgetsNothingUnderAFlood) {
+TEST(RateLimit, KeepsItsCountsUnderManyAddresses) {
   RateLimit limit(1, seconds(60));
   const RateLimit::Clock::time_point begin{};
   for (int i = 0; i < 4096; ++i)

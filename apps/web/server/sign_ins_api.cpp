@@ -53,8 +53,8 @@ class Guarded final : public BodyStream {
       : stream_(std::move(stream)), is_signed_in_(std::move(is_signed_in)), interval_(interval) {}
   std::ptrdiff_t read(std::span<char> buffer, int socket) override {
     const Clock::time_point now = Clock::now();
-    if (now - looked_ >= interval_) {
-      looked_ = now;
+    if (now - last_check_ >= interval_) {
+      last_check_ = now;
       if (!is_signed_in_()) return -1;
     }
     return stream_->read(buffer, socket);
@@ -65,7 +65,7 @@ class Guarded final : public BodyStream {
   std::unique_ptr<BodyStream> stream_;
   std::function<bool()> is_signed_in_;
   const std::chrono::milliseconds interval_;
-  Clock::time_point looked_ = Clock::now();
+  Clock::time_point last_check_ = Clock::now();
 };
 
 }  // namespace
@@ -106,7 +106,7 @@ void bind_sign_ins(Router& router, SignIns& sign_ins, AuditLog& audit) {
              [&sign_ins](const Request& request) { return list(request, sign_ins); });
   router.add("DELETE", "/api/sign-ins/{id}", [&sign_ins, &audit](const Request& request) {
     const std::string& id = request.param("id");
-    if (!sign_ins.revoke(id)) throw HttpError(404, "there is no such sign-in; it may be over");
+    if (!sign_ins.revoke(id)) throw HttpError(404, "no such sign-in; it may have ended");
     audit.write("sign-in revoked", request.address, {{"sign_in", id}});
     return no_content();
   });
@@ -117,7 +117,7 @@ void bind_sign_ins(Router& router, SignIns& sign_ins, AuditLog& audit) {
   });
   router.add("POST", "/api/api-token", [&sign_ins, &audit](const Request& request) {
     // A program with the current token must not be able to lock out others.
-    if (request.by_api_token) throw HttpError(403, "a browser that is signed in does this");
+    if (request.by_api_token) throw HttpError(403, "only a signed-in browser can do this");
     const std::string token = sign_ins.renew_api_token();
     audit.write("api token renewed", request.address);
     return json_response({{"token", token}, {"made", seconds_of(sign_ins.api_token_made())}});

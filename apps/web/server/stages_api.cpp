@@ -16,7 +16,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr milliseconds kPatience{2000};
+constexpr milliseconds kTimeout{2000};
 
 class Watching {
  public:
@@ -35,15 +35,15 @@ class Watching {
 
 Response send_stages(const Request& request, const Live& live) {
   const auto session = live.find(request.param("id"));
-  if (session == nullptr) throw HttpError(404, "there is no such session");
+  if (session == nullptr) throw HttpError(404, "no such session");
   const auto after =
       to_integer(request.query_value("after").value_or("0"), 0, std::int64_t{1} << 50);
-  if (!after) throw HttpError(400, "after: expected the number of the stages that are known");
+  if (!after) throw HttpError(400, "after: expected the number of the last stages received");
   const auto seen = static_cast<std::uint64_t>(*after);
-  if (!session->want_stages())
-    throw HttpError(409, "this session shows no stages: its verb has none, or it has ended");
+  if (!session->request_stages())
+    throw HttpError(409, "this session has no stages: its verb makes none, or it has ended");
   Watching watching(*session);
-  const Clock::time_point until = Clock::now() + kPatience;
+  const Clock::time_point until = Clock::now() + kTimeout;
   LiveSession::Stages stages = session->stages();
   while (stages.number <= seen && session->is_running() && Clock::now() < until) {
     watching.wait();

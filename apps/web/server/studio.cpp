@@ -141,7 +141,7 @@ void check_listening(const StudioOptions& options) {
   if (proxy) (void)normal_origin(options.behind_proxy);
   if (options.listen_all && !tls && !proxy)
     throw UsageError(
-        "--listen-all without TLS would let others read along: add --tls-self-signed, or "
+        "--listen-all without TLS would let others read the traffic: add --tls-self-signed, or "
         "--tls-cert FILE --tls-key FILE, or --behind-proxy ORIGIN where a proxy does TLS");
   if (!options.assets.empty() && options.listen_all)
     throw UsageError("--assets is for development on this machine: leave out --listen-all");
@@ -159,7 +159,7 @@ struct Studio::Impl {
         workspace(options.workspace, limits_of(options)),
         audit(workspace.studio_folder() + "/audit.log"),
         sign_ins(workspace.studio_folder()),
-        verbs(ask_for_help(options.program)) {
+        verbs(read_help_json(options.program)) {
     listen();
     add_parts();
     start_server();
@@ -273,8 +273,8 @@ struct Studio::Impl {
     live = std::make_unique<Live>(std::move(live_options), feed, audit);
     const auto source = [this](const std::string& reference) {
       if (reference.starts_with("viewer:"))
-        throw UsageError("a browser's camera is for live sessions alone");
-      return live->source_word(reference);
+        throw UsageError("only live sessions can use a browser camera");
+      return live->resolve_source(reference);
     };
     VerbHost host{workspace, verbs, audit, options.program, source};
     jobs = std::make_unique<Jobs>(host, feed, jobs_of(options));
@@ -373,7 +373,7 @@ std::string new_link(const std::string& workspace) {
   const nlohmann::json about =
       file ? nlohmann::json::parse(file, nullptr, false) : nlohmann::json();
   if (is_free || !about.is_object() || !about.contains("url"))
-    throw InputError(workspace, "no studio runs here; start it by `tarsier serve`");
+    throw InputError(workspace, "no studio is running here; start it with `tarsier serve`");
   return about.value("url", std::string()) + "#t=" + make_link_token(workspace + "/.studio");
 }
 

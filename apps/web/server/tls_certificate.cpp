@@ -62,7 +62,7 @@ Certificate parse_certificate(const std::string& pem) {
   const int result = gnutls_x509_crt_import(certificate.get(), &data, GNUTLS_X509_FMT_PEM);
   if (result < 0)
     throw InputError("TLS certificate",
-                     fmt::format("no certificate in PEM form: {}", gnutls_strerror(result)));
+                     fmt::format("not a certificate in PEM format: {}", gnutls_strerror(result)));
   return certificate;
 }
 
@@ -142,7 +142,7 @@ TlsFiles read_tls_files(const std::string& certificate, const std::string& key) 
   TlsFiles files{read_file(certificate), read_file(key)};
   (void)parse_certificate(files.certificate);
   if (files.key.find("PRIVATE KEY-----") == std::string::npos)
-    throw InputError(key, "no private key in PEM form");
+    throw InputError(key, "not a private key in PEM format");
   return files;
 }
 
@@ -152,7 +152,7 @@ TlsFiles self_signed_certificate(const std::string& folder, const std::vector<st
   try {
     TlsFiles files = read_tls_files(certificate_path, key_path);
     if (serves(parse_certificate(files.certificate), names)) return files;
-    log_info("the certificate of this server is made anew");
+    log_info("a new certificate of this server was made");
   } catch (const InputError&) {
     // No certificate yet.
   }

@@ -15,7 +15,7 @@ namespace {
 
 using TlsCertificate = FolderTest;
 
-TEST_F(TlsCertificate, IsMadeOnceAndKept) {
+TEST_F(TlsCertificate, IsMadeOnceAndStored) {
   const TlsFiles first = self_signed_certificate(folder_, {"localhost", "127.0.0.1", "::1"});
   EXPECT_THAT(first.certificate, testing::StartsWith("-----BEGIN CERTIFICATE-----"));
   struct stat state {};
@@ -27,7 +27,7 @@ TEST_F(TlsCertificate, IsMadeOnceAndKept) {
   EXPECT_EQ(fingerprint_of(first.certificate).size(), 95U);
 }
 
-TEST_F(TlsCertificate, IsMadeAnewForAnotherName) {
+TEST_F(TlsCertificate, IsReplacedForAnotherName) {
   const TlsFiles first = self_signed_certificate(folder_, {"localhost"});
   const TlsFiles second =
       self_signed_certificate(folder_, {"localhost", "192.0.2.1", "studio.local"});
@@ -38,7 +38,7 @@ TEST_F(TlsCertificate, IsMadeAnewForAnotherName) {
               testing::HasSubstr("BEGIN CERTIFICATE"));
 }
 
-TEST_F(TlsCertificate, FilesThatAreNone) {
+TEST_F(TlsCertificate, RefusesInvalidFiles) {
   EXPECT_THROW((void)read_tls_files(path("none.pem"), path("none.key")), InputError);
   std::ofstream(path("a.pem")) << "no PEM";
   EXPECT_THROW((void)read_tls_files(path("a.pem"), path("a.pem")), InputError);

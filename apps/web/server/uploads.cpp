@@ -21,19 +21,19 @@ constexpr NameTable<FileType, 3> kFileTypes{
     "kind of file",
     {{{FileType::kImage, "image"}, {FileType::kVideo, "video"}, {FileType::kOther, "other"}}}};
 
-constexpr auto kVideoEndings =
+constexpr auto kVideoExtensions =
     std::to_array<std::string_view>({".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm"});
 // Other files that verbs read, besides images and videos.
-constexpr auto kDataEndings =
+constexpr auto kDataExtensions =
     std::to_array<std::string_view>({".txt", ".csv", ".json", ".jsonl", ".yaml", ".yml", ".xml",
                                      ".pts", ".asf", ".obj", ".ply", ".tri"});
 
-bool has_ending(std::string_view name, const auto& endings) {
+bool has_extension(std::string_view name, const auto& extensions) {
   std::string lower(name);
   std::transform(lower.begin(), lower.end(), lower.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return std::any_of(endings.begin(), endings.end(),
-                     [&](std::string_view ending) { return lower.ends_with(ending); });
+  return std::any_of(extensions.begin(), extensions.end(),
+                     [&](std::string_view extension) { return lower.ends_with(extension); });
 }
 
 bool is_video_head(std::string_view bytes) {
@@ -72,7 +72,7 @@ bool names_foreign_files(std::string_view text) {
 }  // namespace
 
 bool is_video(std::string_view name, std::string_view head) {
-  return has_ending(name, kVideoEndings) && is_video_head(head);
+  return has_extension(name, kVideoExtensions) && is_video_head(head);
 }
 
 std::string_view name_of(FileType type) { return kFileTypes.name(type); }
@@ -89,18 +89,19 @@ nlohmann::json to_json(const FileInfo& file) {
   return json;
 }
 
-std::string find_upload_trouble(std::string_view name, std::string_view bytes,
-                                std::int64_t max_pixels, FileType& type) {
+std::string upload_error(std::string_view name, std::string_view bytes, std::int64_t max_pixels,
+                         FileType& type) {
   type = FileType::kOther;
   if (bytes.empty()) return "the file is empty";
   if (const auto format = image_format_of(bytes_of(bytes))) {
     type = FileType::kImage;
-    if (*format == ImageFormat::kTiff) return "TIFF is not read; save it as PNG or JPEG";
+    if (*format == ImageFormat::kTiff)
+      return "TIFF is not supported; save the image as PNG or JPEG";
     const auto header = probe_image(bytes_of(bytes));
-    if (!header) return "the image is cut short or broken";
+    if (!header) return "the image is truncated or damaged";
     const std::int64_t pixels = static_cast<std::int64_t>(header->width) * header->height;
     if (pixels <= 0 || pixels > max_pixels) {
-      return fmt::format("the image has {}x{} px; at most {} million are taken", header->width,
+      return fmt::format("the image has {}x{} px; at most {} million are accepted", header->width,
                          header->height, max_pixels / 1'000'000);
     }
     std::vector<std::uint8_t> kept;
@@ -109,17 +110,17 @@ std::string find_upload_trouble(std::string_view name, std::string_view bytes,
     }
     return {};
   }
-  if (has_ending(name, kVideoEndings)) {
+  if (has_extension(name, kVideoExtensions)) {
     type = FileType::kVideo;
-    return is_video_head(bytes) ? "" : "the file has the name of a video, but not its content";
+    return is_video_head(bytes) ? "" : "the file is named like a video, but is not one";
   }
-  if (has_ending(name, kDataEndings)) {
+  if (has_extension(name, kDataExtensions)) {
     if (!names_foreign_files(bytes)) return {};
-    return "the file names others by absolute paths or '..'; give their names alone, and upload "
+    return "the file refers to others by absolute paths or '..'; use their names only, and upload "
            "them into the same set";
   }
   return fmt::format(
-      "{}; taken are images (JPEG, PNG, WebP, BMP, PNM), videos (MP4, AVI, MKV) and "
+      "{}; accepted are images (JPEG, PNG, WebP, BMP, PNM), videos (MP4, AVI, MKV) and "
       "data (.txt .csv .json .jsonl .yaml .xml .pts .asf .obj .ply)",
       describe_not_an_image(bytes_of(bytes)));
 }
@@ -135,8 +136,8 @@ std::string media_type(std::string_view name) {
       {".mp4", "video/mp4"},
       {".webm", "video/webm"},
   });
-  for (const auto& [ending, type] : kTypes) {
-    if (has_ending(name, std::array{ending})) return std::string(type);
+  for (const auto& [extension, type] : kTypes) {
+    if (has_extension(name, std::array{extension})) return std::string(type);
   }
   return "application/octet-stream";
 }

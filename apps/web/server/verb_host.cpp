@@ -23,8 +23,8 @@ CommandLine VerbHost::command(const VerbRequest& request, Use use,
                        source, output_folder});
 }
 
-void VerbHost::tell_audit(const CommandLine& line, const VerbRequest& request,
-                          const std::string& address) const {
+void VerbHost::write_audit(const CommandLine& line, const VerbRequest& request,
+                           const std::string& address) const {
   if (line.audit.empty()) return;
   Json details = {{"verb", request.verb}};
   const bool has_person = request.verb == "people enroll" || request.verb == "people forget";

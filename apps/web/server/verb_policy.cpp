@@ -41,7 +41,7 @@ bool begins_with_reference(std::string_view text) {
 
 // A word that no verb can interpret as a path, an address or a list.
 std::string checked_word(std::string_view flag, const std::string& text) {
-  if (text.empty()) refuse("{} is empty: leave it out, or give a value", flag);
+  if (text.empty()) refuse("{} is empty: omit it, or give a value", flag);
   if (!is_one_line(text, kMaxText)) {
     refuse("{}: expected one line of at most {} bytes", flag, kMaxText);
   }
@@ -54,7 +54,7 @@ std::string checked_word(std::string_view flag, const std::string& text) {
 }
 
 std::string checked_free_text(std::string_view flag, const std::string& text) {
-  if (text.empty()) refuse("{} is empty: leave it out, or give a text", flag);
+  if (text.empty()) refuse("{} is empty: omit it, or give a text", flag);
   if (!is_one_line(text, kMaxText)) {
     refuse("{}: expected one line of at most {} bytes of UTF-8", flag, kMaxText);
   }
@@ -67,7 +67,8 @@ std::string checked_synth(const std::string& text) {
                          return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
                                 (c >= '0' && c <= '9') || kAllowed.find(c) != std::string::npos;
                        });
-  if (!is_good) refuse("'{}' is no synthetic source: synth:NAME?key=value&key=value", text);
+  if (!is_good)
+    refuse("'{}' is not a synthetic source; expected synth:NAME?key=value&key=value", text);
   return text;
 }
 
@@ -140,26 +141,27 @@ class Builder {
     for (const Audited& row : kAudited) {
       if (row.verb == request_.verb && (row.flag.empty() || has(row.flag))) line_.audit = row.event;
     }
-    line_.shown = "tarsier";
-    for (const std::string& word : shown_) line_.shown += ' ' + shell_quoted(word);
+    line_.shell_text = "tarsier";
+    for (const std::string& word : shown_words_) line_.shell_text += ' ' + shell_quoted(word);
     return std::move(line_);
   }
 
  private:
   void add(const std::string& word) { add(word, word); }
-  void add(const std::string& word, const std::string& shown) {
+  void add(const std::string& word, const std::string& shown_word) {
     line_.words.push_back(word);
-    shown_.push_back(shown);
+    shown_words_.push_back(shown_word);
   }
 
   [[nodiscard]] bool has(std::string_view flag) const {
-    return std::find(given_.begin(), given_.end(), flag) != given_.end();
+    return std::find(given_flags_.begin(), given_flags_.end(), flag) != given_flags_.end();
   }
 
   std::string input_file(std::string_view name, const std::string& reference) const {
     if (reference.size() > kMaxReference || !begins_with_reference(reference)) {
-      refuse("{}: '{}' is no reference; files are given as set:NAME/FILE, job:ID/FILE or ws:NAME",
-             name, reference.substr(0, 100));
+      refuse(
+          "{}: '{}' is not a reference; files are given as set:NAME/FILE, job:ID/FILE or ws:NAME",
+          name, reference.substr(0, 100));
     }
     return references_.file(reference, true);
   }
@@ -167,22 +169,22 @@ class Builder {
   std::string output_file(std::string_view name, const std::string& reference) {
     if (reference.starts_with("ws:")) {
       const std::string_view file = std::string_view(reference).substr(3);
-      if (!is_good_name(file)) refuse("{}: '{}' is no good name of a file", name, file);
-      if (is_among(kSharedState, file)) refuse("{}: ws:{} is kept for other verbs", name, file);
+      if (!is_good_name(file)) refuse("{}: '{}' is not a valid file name", name, file);
+      if (is_among(kSharedState, file)) refuse("{}: ws:{} is reserved for other verbs", name, file);
       return references_.file(reference, false);
     }
     if (!reference.starts_with("out:")) {
-      refuse("{}: '{}' is no place for a result; give out:NAME", name, reference.substr(0, 100));
+      refuse("{}: '{}' is not an output; give out:NAME", name, reference.substr(0, 100));
     }
     const std::string file = reference.substr(4);
     if (!is_good_name(file)) {
       refuse(
-          "{}: '{}' is no good name of a file: letters, digits, spaces, - _ . ( ), at most 120 "
+          "{}: '{}' is not a valid file name: letters, digits, spaces, - _ . ( ), at most 120 "
           "bytes, no / and no . at its beginning",
           name, file);
     }
     if (use_ == Use::kLive || references_.output_folder.empty()) {
-      refuse("{}: a live session makes no files; start it as a job, or give ws:NAME", name);
+      refuse("{}: a live session makes no files; start a job, or give ws:NAME", name);
     }
     line_.outputs.push_back(file);
     return references_.output_folder + '/' + file;
@@ -190,7 +192,8 @@ class Builder {
 
   std::string state_file(std::string_view name, const std::string& reference) const {
     if (!reference.starts_with("ws:")) {
-      refuse("{}: '{}' is no file of the workspace; give ws:NAME", name, reference.substr(0, 100));
+      refuse("{}: '{}' is not a file of the workspace; give ws:NAME", name,
+             reference.substr(0, 100));
     }
     return references_.file(reference, false);
   }
@@ -210,7 +213,7 @@ class Builder {
       }
       case FlagKind::kOutput: {
         const std::string text = value_text(name, value);
-        if (text == "none" && name == "--output") return text;
+        if (flag.at("headless_value") == text) return text;
         return output_file(name, text);
       }
       case FlagKind::kState:
@@ -244,7 +247,7 @@ class Builder {
       if (kind == FlagKind::kRefused || kind == FlagKind::kUnknown) {
         refuse("{} cannot be given from a page: {}", name,
                kind == FlagKind::kRefused ? "it reaches beyond the workspace"
-                                          : "nobody has said yet that it is safe");
+                                          : "it is not listed as safe");
       }
       if (has(name)) refuse("{} is given twice, by two of its names", name);
       if (kind == FlagKind::kServer || value.is_null()) continue;
@@ -254,20 +257,21 @@ class Builder {
       } else {
         add_values(*flag, kind, name, value);
       }
-      given_.push_back(name);
+      given_flags_.push_back(name);
     }
   }
 
   void add_values(const Json& flag, FlagKind kind, const std::string& name, const Json& value) {
-    const std::size_t least = flag.at("values");
+    const std::size_t value_count = flag.at("values");
     const bool repeatable = flag.at("repeatable");
     if (!value.is_array()) {
-      if (least > 1) refuse("{}: expected a list of {} values", name, least);
+      if (value_count > 1) refuse("{}: expected a list of {} values", name, value_count);
       add(name + '=' + flag_text(flag, kind, name, value));
       return;
     }
-    if (!repeatable && value.size() != least) {
-      refuse("{}: expected {} value{}, not {}", name, least, least == 1 ? "" : "s", value.size());
+    if (!repeatable && value.size() != value_count) {
+      refuse("{}: expected {} value{}, not {}", name, value_count, value_count == 1 ? "" : "s",
+             value.size());
     }
     if (value.empty() || value.size() > kMaxValues) {
       refuse("{}: expected 1 to {} values", name, kMaxValues);
@@ -295,15 +299,14 @@ class Builder {
       }
     }
     if (use_ == Use::kLive) {
-      if (!has_window(verb_)) refuse("'{}' has no live form; start it as a job", request_.verb);
+      if (!has_window(verb_)) refuse("'{}' cannot run live; start a job", request_.verb);
       add("--window");
     }
     // Without an output for its images such a verb would open a window.
     const Json* output = VerbTable::find_flag(verb_, "--output");
     if (use_ != Use::kLive && output != nullptr && !has("--output") &&
-        output->at("help").get_ref<const std::string&>().find("none [the window]") !=
-            std::string::npos) {
-      add("--output=none");
+        output->at("headless_value").is_string()) {
+      add("--output=" + output->at("headless_value").get<std::string>());
     }
     if (takes("--json")) add("--json");
     if (use_ == Use::kJob && takes("--progress")) add("--progress=json");
@@ -313,7 +316,8 @@ class Builder {
   void add_inputs() {
     const Json& takes = verb_.at("inputs");
     const std::vector<std::string>& given = request_.inputs;
-    if (given.size() > kMaxInputs) refuse("{} inputs are too many; give a set", given.size());
+    if (given.size() > kMaxInputs)
+      refuse("{} inputs are too many; give a set instead", given.size());
     add("--");
     std::size_t next = 0;
     for (std::size_t n = 0; n < takes.size(); ++n) {
@@ -332,7 +336,7 @@ class Builder {
     }
     if (given.empty()) {  // no "--" without inputs
       line_.words.pop_back();
-      shown_.pop_back();
+      shown_words_.pop_back();
     }
   }
 
@@ -360,7 +364,7 @@ class Builder {
   }
 
   void add_source(const std::string& text) {
-    if (!is_one_line(text, kMaxReference)) refuse("a source has a name of one line");
+    if (!is_one_line(text, kMaxReference)) refuse("the name of a source must be one line");
     const std::string word = references_.source(text);
     const bool is_secret = text.starts_with("allowed:");
     if (is_secret) line_.secrets.emplace_back(word, text);
@@ -372,8 +376,8 @@ class Builder {
   const Use use_;
   const References& references_;
   CommandLine line_;
-  std::vector<std::string> shown_;
-  std::vector<std::string> given_;
+  std::vector<std::string> shown_words_;
+  std::vector<std::string> given_flags_;
 };
 
 }  // namespace
@@ -408,7 +412,7 @@ InputKind input_kind(std::string_view verb, std::string_view input) {
 VerbTable::VerbTable(const std::string& help_json) : text_(help_json) {
   help_ = Json::parse(help_json, nullptr, false);
   if (!help_.is_object() || !help_.contains("verbs") || !help_["verbs"].is_array()) {
-    throw InputError("tarsier help --json", "is not the object that was expected");
+    throw InputError("tarsier help --json", "did not return the expected object");
   }
 }
 
@@ -460,7 +464,7 @@ CommandLine command_line(const VerbTable& verbs, const VerbRequest& request, Use
   if (verb == nullptr) {
     refuse("no verb '{}'; /api/help lists them all", request.verb.substr(0, 100));
   }
-  if (is_refused_verb(request.verb)) refuse("'{}' is not started from a page", request.verb);
+  if (is_refused_verb(request.verb)) refuse("'{}' cannot be started from a page", request.verb);
   return Builder(*verb, request, use, references).build();
 }
 
@@ -500,8 +504,9 @@ bool is_one_line(std::string_view text, std::size_t max_bytes) {
       if ((next & 0xc0U) != 0x80) return false;
       code = (code << 6U) | (next & 0x3fU);
     }
-    constexpr std::array<std::uint32_t, 5> kLeast = {0, 0, 0x80, 0x800, 0x10000};
-    if (code < kLeast[length] || code > 0x10ffff || (code >= 0xd800 && code < 0xe000)) return false;
+    constexpr std::array<std::uint32_t, 5> kMinCode = {0, 0, 0x80, 0x800, 0x10000};
+    if (code < kMinCode[length] || code > 0x10ffff || (code >= 0xd800 && code < 0xe000))
+      return false;
     if (code >= 0x80 && code < 0xa0) return false;  // control characters, too
     // Line separators, and characters that change the direction of text.
     if (code == 0x2028 || code == 0x2029 || (code >= 0x202a && code <= 0x202e) ||

@@ -89,7 +89,7 @@ struct VerbRequest {
 struct CommandLine {
   std::vector<std::string> words;  // after the program's path
   // For people: quoted for a shell; sources on other machines only by name.
-  std::string shown;
+  std::string shell_text;
   std::vector<std::string> outputs;  // names of out:NAME, in order
   // Texts that must not be shown (URLs with passwords), and the replacement of each.
   std::vector<std::pair<std::string, std::string>> secrets;

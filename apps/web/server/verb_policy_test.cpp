@@ -55,7 +55,7 @@ std::string refusal(const std::string& verb, const std::vector<std::string>& inp
                     const Json& flags = Json::object(), Use use = Use::kRun) {
   try {
     const CommandLine line = line_of(verb, inputs, flags, use);
-    return "taken: " + line.shown;
+    return "taken: " + line.shell_text;
   } catch (const UsageError& error) {
     return error.what();
   }
@@ -79,7 +79,7 @@ TEST(VerbPolicy, KnowsEachFlagOfEachVerb) {
 }
 
 // A text that the help calls a file must not be in the table of plain values by mistake.
-TEST(VerbPolicy, TakesNoTextThatSpeaksOfFilesForAValue) {
+TEST(VerbPolicy, ClassifiesNoFileFlagAsAValue) {
   const std::set<std::string> reviewed = {"--segment",  // names of the files come from -o
                                           "--size",     // of images
                                           "--keep",     // a time
@@ -101,7 +101,7 @@ TEST(VerbPolicy, TakesNoTextThatSpeaksOfFilesForAValue) {
   }
 }
 
-TEST(VerbPolicy, RefusesTheDangerousOnesByName) {
+TEST(VerbPolicy, RefusesDangerousFlags) {
   for (const char* flag :
        {"--on-event", "--on-event-timeout", "--config", "--token-file", "--token", "--listen-all",
         "--insecure", "--ca-file", "--models-dir", "--actions"}) {
@@ -119,31 +119,31 @@ TEST(VerbPolicy, RefusesTheDangerousOnesByName) {
 }
 
 TEST(VerbPolicy, StartsNoOtherServer) {
-  EXPECT_THAT(refusal("serve", {}), HasSubstr("not started from a page"));
-  EXPECT_THAT(refusal("demo", {}), HasSubstr("not started from a page"));
-  EXPECT_THAT(refusal("models import", {}), HasSubstr("not started from a page"));
+  EXPECT_THAT(refusal("serve", {}), HasSubstr("cannot be started from a page"));
+  EXPECT_THAT(refusal("demo", {}), HasSubstr("cannot be started from a page"));
+  EXPECT_THAT(refusal("models import", {}), HasSubstr("cannot be started from a page"));
 }
 
-TEST(VerbPolicy, HasNoFlagThatNoVerbHas) {
+TEST(VerbPolicy, HasNoUnusedFlags) {
   // A name that is gone stays in nobody's way; one that comes back must be looked at again.
   EXPECT_EQ(flag_kind("plate read", "--exec"), FlagKind::kUnknown);
   EXPECT_THAT(refusal("plate read", {"set:a/1.jpg"}, {{"--exec", "x"}}), HasSubstr("no flag"));
   EXPECT_THAT(refusal("plate smash", {}), HasSubstr("no verb"));
 }
 
-TEST(VerbPolicy, WritesACommandLine) {
+TEST(VerbPolicy, BuildsACommandLine) {
   const CommandLine line =
       line_of("cartoon run", {"set:trip/a b.jpg"},
               {{"--mode", "sketch"}, {"-o", "out:drawn.png"}, {"--steady", true}});
   EXPECT_THAT(line.words, ElementsAre("cartoon", "run", "--mode=sketch", "--steady",
                                       "--output=/w/jobs/j1/files/drawn.png", "--json", "--",
                                       "/w/trip/a b.jpg"));
-  EXPECT_THAT(line.shown, HasSubstr("tarsier cartoon run"));
-  EXPECT_THAT(line.shown, HasSubstr("'/w/trip/a b.jpg'"));
+  EXPECT_THAT(line.shell_text, HasSubstr("tarsier cartoon run"));
+  EXPECT_THAT(line.shell_text, HasSubstr("'/w/trip/a b.jpg'"));
   EXPECT_THAT(line.outputs, ElementsAre("drawn.png"));
 }
 
-TEST(VerbPolicy, AddsWhatTheServerDecides) {
+TEST(VerbPolicy, AddsFlagsOfTheServer) {
   EXPECT_THAT(line_of("people list", {}).words, Contains("--gallery=/w/gallery"));
   EXPECT_THAT(line_of("people forget", {"Ann"}).words, Contains("--yes"));
   EXPECT_THAT(line_of("cartoon run", {"synth:portrait?live=1"}, Json::object(), Use::kLive).words,
@@ -152,10 +152,16 @@ TEST(VerbPolicy, AddsWhatTheServerDecides) {
               Contains("--progress=json"));
   // Without a place for images the verb would open a window.
   EXPECT_THAT(line_of("landmarks fit", {"set:a/1.jpg"}).words, Contains("--output=none"));
-  EXPECT_THAT(refusal("models list", {}, Json::object(), Use::kLive), HasSubstr("no live form"));
+  EXPECT_THAT(line_of("cartoon run", {"set:a"}, {{"--output", "none"}}).words,
+              Contains("--output=none"));
+  // A verb without a window has no such value.
+  EXPECT_THAT(line_of("sfm reconstruct", {"set:trip"}).words, Not(Contains("--output=none")));
+  EXPECT_THAT(refusal("sfm reconstruct", {"set:trip"}, {{"--output", "none"}}),
+              Not(HasSubstr("taken")));
+  EXPECT_THAT(refusal("models list", {}, Json::object(), Use::kLive), HasSubstr("cannot run live"));
 }
 
-TEST(VerbPolicy, TakesReferencesAlone) {
+TEST(VerbPolicy, AcceptsOnlyReferences) {
   for (const char* input : {"/etc/passwd", "../x", "http://host/a.jpg", "rtsp://host/", "@list.txt",
                             "*.jpg", "0", "/dev/video0", "picam:", "file:///etc/passwd", "a.jpg",
                             "", "-", "gst:x", "synth:a b", "synth:../x", "~/.ssh/id_rsa"}) {
@@ -176,7 +182,7 @@ TEST(VerbPolicy, TakesReferencesAlone) {
   EXPECT_THAT(refusal("plate segment", {"camera:0"}, {{"-o", "out:x"}}), Not(HasSubstr("taken")));
 }
 
-TEST(VerbPolicy, PutsResultsBelowTheJobAlone) {
+TEST(VerbPolicy, WritesResultsOnlyBelowTheJob) {
   for (const char* place : {"/tmp/x", "../x", "out:../x", "out:a/b", "out:.hidden",
                             "out:", "set:a/b.png", "http://127.0.0.1:8080/", "ws:gallery",
                             "ws:plates.db", "ws:../x", "ws:.studio", "x.png", "out:a\nb", "-"}) {
@@ -220,12 +226,12 @@ TEST(VerbPolicy, ChecksValues) {
   EXPECT_THAT(refusal("landmarks eval", {"set:a"}, {{"--eyes", {36}}}), HasSubstr("2 values"));
 }
 
-TEST(VerbPolicy, TakesAnyNameOfAPerson) {
+TEST(VerbPolicy, AcceptsAnyNameOfAPerson) {
   const CommandLine line =
       line_of("people enroll", {"-x <img onerror=1>'é", "set:ann"}, {{"--note", "agreed / 2026"}});
   EXPECT_EQ(*(line.words.end() - 3), "--");
   EXPECT_EQ(*(line.words.end() - 2), "-x <img onerror=1>'é");
-  EXPECT_THAT(line.shown, HasSubstr("'-x <img onerror=1>'\\''é'"));
+  EXPECT_THAT(line.shell_text, HasSubstr("'-x <img onerror=1>'\\''é'"));
   EXPECT_EQ(line.audit, "enrol");
   for (const std::string& name :
        {std::string("a\nb"), std::string("a\x01"), std::string("\xff"), std::string("\xe2\x80\xae"),
@@ -237,8 +243,8 @@ TEST(VerbPolicy, TakesAnyNameOfAPerson) {
 TEST(VerbPolicy, HidesAddressesOfSources) {
   const CommandLine line = line_of("cartoon run", {"allowed:door"}, Json::object(), Use::kLive);
   EXPECT_THAT(line.words, Contains("http://user:secret@cam/allowed:door"));
-  EXPECT_THAT(line.shown, Not(HasSubstr("secret")));
-  EXPECT_THAT(line.shown, HasSubstr("allowed:door"));
+  EXPECT_THAT(line.shell_text, Not(HasSubstr("secret")));
+  EXPECT_THAT(line.shell_text, HasSubstr("allowed:door"));
   ASSERT_EQ(line.secrets.size(), 1U);
 }
 

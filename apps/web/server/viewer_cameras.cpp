@@ -17,12 +17,13 @@ using Clock = std::chrono::steady_clock;
 }  // namespace
 
 std::string ViewerCameras::add() {
-  forget_silent();
+  remove_inactive();
   const std::lock_guard lock(mutex_);
-  if (cameras_.size() >= kMost)
-    throw HttpError(409, fmt::format("{} cameras of browsers are the limit; end one first", kMost));
+  if (cameras_.size() >= kMaxCameras)
+    throw HttpError(409, fmt::format("the limit of {} browser cameras is reached; close one first",
+                                     kMaxCameras));
   std::string id = new_secret().substr(0, 12);
-  cameras_[id].heard = Clock::now();
+  cameras_[id].last_frame_time = Clock::now();
   return id;
 }
 
@@ -30,7 +31,8 @@ void ViewerCameras::put(const std::string& id, std::string jpeg) {
   const std::span<const std::uint8_t> bytes(reinterpret_cast<const std::uint8_t*>(jpeg.data()),
                                             jpeg.size());
   const auto header = probe_image(bytes);
-  if (!header || jpeg.compare(0, 2, "\xff\xd8") != 0) throw HttpError(415, "the frame is no JPEG");
+  if (!header || jpeg.compare(0, 2, "\xff\xd8") != 0)
+    throw HttpError(415, "the frame is not a JPEG image");
   if (static_cast<std::int64_t>(header->width) * header->height > 100'000'000)
     throw HttpError(415, "the frame has more than 100 million pixels");
   auto frame = std::make_shared<const std::string>(std::move(jpeg));
@@ -39,9 +41,9 @@ void ViewerCameras::put(const std::string& id, std::string jpeg) {
     const std::lock_guard lock(mutex_);
     const auto found = cameras_.find(id);
     if (found == cameras_.end())
-      throw HttpError(404, "this camera is over: make another (POST /api/viewer-cameras)");
+      throw HttpError(404, "this camera was closed; open another (POST /api/viewer-cameras)");
     Camera& camera = found->second;
-    camera.heard = Clock::now();
+    camera.last_frame_time = Clock::now();
     camera.newest = frame;
     std::erase_if(camera.sessions, [](const auto& session) { return session.expired(); });
     for (const auto& session : camera.sessions) {
@@ -62,7 +64,7 @@ void ViewerCameras::remove(const std::string& id) {
   {
     const std::lock_guard lock(mutex_);
     const auto found = cameras_.find(id);
-    if (found == cameras_.end()) throw HttpError(404, "there is no such camera");
+    if (found == cameras_.end()) throw HttpError(404, "no such camera");
     camera = std::move(found->second);
     cameras_.erase(found);
   }
@@ -96,12 +98,12 @@ void ViewerCameras::attach(const std::string& id, const std::shared_ptr<LiveSess
   if (newest != nullptr) session->offer_frame(std::move(newest));
 }
 
-void ViewerCameras::forget_silent() {
+void ViewerCameras::remove_inactive() {
   std::vector<Camera> silent;
   {
     const std::lock_guard lock(mutex_);
     for (auto camera = cameras_.begin(); camera != cameras_.end();) {
-      if (Clock::now() - camera->second.heard < kSilence) {
+      if (Clock::now() - camera->second.last_frame_time < kFrameTimeout) {
         ++camera;
         continue;
       }

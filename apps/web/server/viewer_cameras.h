@@ -16,9 +16,9 @@ namespace tarsier::web {
 // /api/viewer-cameras/ID/frame). Sessions with such an input get the newest image. Thread-safe.
 class ViewerCameras {
  public:
-  static constexpr std::size_t kMost = 16;
-  static constexpr std::uint64_t kMaxFrame = 16 << 20;  // bytes of a JPEG
-  static constexpr std::chrono::seconds kSilence{60};   // without images; then it is removed
+  static constexpr std::size_t kMaxCameras = 16;
+  static constexpr std::uint64_t kMaxFrame = 16 << 20;      // bytes of a JPEG
+  static constexpr std::chrono::seconds kFrameTimeout{60};  // without images; then it is removed
 
   // Returns the id "ab12.." of a new camera. HttpError 409 if there are too many.
   [[nodiscard]] std::string add();
@@ -28,11 +28,11 @@ class ViewerCameras {
   [[nodiscard]] bool has(const std::string& id) const;
   [[nodiscard]] std::vector<std::string> ids() const;
   void attach(const std::string& id, const std::shared_ptr<LiveSession>& session);
-  void forget_silent();
+  void remove_inactive();
 
  private:
   struct Camera {
-    std::chrono::steady_clock::time_point heard;
+    std::chrono::steady_clock::time_point last_frame_time;
     std::shared_ptr<const std::string> newest;
     std::vector<std::weak_ptr<LiveSession>> sessions;
   };

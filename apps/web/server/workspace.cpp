@@ -62,7 +62,7 @@ Workspace::Workspace(std::string folder, WorkspaceLimits limits) : limits_(limit
     if (::mkdir(path.c_str(), 0700) != 0 && errno != EEXIST) {
       throw OutputError(path, std::strerror(errno));
     }
-    if (!is_folder(path)) throw OutputError(path, "is no folder");
+    if (!is_folder(path)) throw OutputError(path, "is not a folder");
   }
   const std::string lock = studio_folder() + "/lock";
   lock_ = ::open(lock.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
@@ -70,7 +70,7 @@ Workspace::Workspace(std::string folder, WorkspaceLimits limits) : limits_(limit
   if (::flock(lock_, LOCK_EX | LOCK_NB) != 0) {
     ::close(lock_);
     throw OutputError(folder_,
-                      "another server has this workspace; stop it, or give another "
+                      "another server uses this workspace; stop it, or give another "
                       "--workspace");
   }
   // Uploads and runs of a killed server are useless.
@@ -118,11 +118,11 @@ void Workspace::make_set(const std::string& name) {
   check_name("set", name);
   const std::lock_guard lock(mutex_);
   if (sets().size() >= limits_.sets) {
-    throw HttpError(409, fmt::format("there are {} sets already; delete some", limits_.sets));
+    throw HttpError(409, fmt::format("there are already {} sets; delete some", limits_.sets));
   }
   const std::string path = folder_ + "/sets/" + name;
   if (::mkdir(path.c_str(), 0700) != 0) {
-    if (errno == EEXIST) throw HttpError(409, fmt::format("there is a set '{}' already", name));
+    if (errno == EEXIST) throw HttpError(409, fmt::format("the set '{}' exists already", name));
     throw HttpError(507, fmt::format("the set cannot be made: {}", std::strerror(errno)));
   }
   sync_folder(path);
@@ -138,7 +138,7 @@ void Workspace::remove_set(const std::string& name) {
   if (error) throw HttpError(500, fmt::format("the set cannot be deleted: {}", error.message()));
 }
 
-FileInfo Workspace::look_at(const std::string& path, const std::string& name) const {
+FileInfo Workspace::inspect(const std::string& path, const std::string& name) const {
   struct stat status {};
   if (::lstat(path.c_str(), &status) != 0 || !S_ISREG(status.st_mode)) {
     throw HttpError(404, fmt::format("no file '{}'", name));
@@ -147,8 +147,8 @@ FileInfo Workspace::look_at(const std::string& path, const std::string& name) co
       fmt::format("{} {} {}", status.st_size, status.st_mtim.tv_sec, status.st_mtim.tv_nsec);
   {
     const std::lock_guard lock(mutex_);
-    const auto known = looked_at_.find(path);
-    if (known != looked_at_.end() && known->second.first == mark) {
+    const auto known = inspected_.find(path);
+    if (known != inspected_.end() && known->second.first == mark) {
       FileInfo info = known->second.second;
       info.name = name;
       return info;
@@ -167,8 +167,8 @@ FileInfo Workspace::look_at(const std::string& path, const std::string& name) co
     info.type = FileType::kVideo;
   }
   const std::lock_guard lock(mutex_);
-  if (looked_at_.size() > 100'000) looked_at_.clear();
-  looked_at_[path] = {mark, info};
+  if (inspected_.size() > 100'000) inspected_.clear();
+  inspected_[path] = {mark, info};
   return info;
 }
 
@@ -179,7 +179,7 @@ std::vector<FileInfo> Workspace::files(const std::string& set) const {
   for (const auto& entry : fs::directory_iterator(folder, error)) {
     const std::string name = entry.path().filename().string();
     if (!is_good_name(name) || !is_file(entry.path().string())) continue;
-    files.push_back(look_at(entry.path().string(), name));
+    files.push_back(inspect(entry.path().string(), name));
   }
   std::sort(files.begin(), files.end(),
             [](const FileInfo& a, const FileInfo& b) { return a.name < b.name; });
@@ -194,7 +194,7 @@ std::string Workspace::file_path(const std::string& set, const std::string& name
 }
 
 FileInfo Workspace::file_info(const std::string& set, const std::string& name) const {
-  return look_at(file_path(set, name), name);
+  return inspect(file_path(set, name), name);
 }
 
 FileInfo Workspace::store(const std::string& set, const std::string& name,
@@ -207,14 +207,14 @@ FileInfo Workspace::store(const std::string& set, const std::string& name,
   }
   const auto bytes = static_cast<std::uint64_t>(status.st_size);
   if (bytes > limits_.file_bytes) {
-    throw HttpError(413, fmt::format("'{}' has {} MB; at most {} are taken", name, bytes >> 20U,
+    throw HttpError(413, fmt::format("'{}' has {} MB; at most {} are accepted", name, bytes >> 20U,
                                      limits_.file_bytes >> 20U));
   }
   check_space(bytes);
   FileType type = FileType::kOther;
-  const std::string trouble = find_upload_trouble(
-      name, head_of(spooled, static_cast<std::size_t>(bytes)), limits_.pixels, type);
-  if (!trouble.empty()) throw HttpError(415, fmt::format("'{}': {}", name, trouble));
+  const std::string refusal =
+      upload_error(name, head_of(spooled, static_cast<std::size_t>(bytes)), limits_.pixels, type);
+  if (!refusal.empty()) throw HttpError(415, fmt::format("'{}': {}", name, refusal));
 
   const int fd = ::open(spooled.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
   const bool synced = fd >= 0 && ::fsync(fd) == 0 && ::fchmod(fd, 0600) == 0;
@@ -231,7 +231,7 @@ FileInfo Workspace::store(const std::string& set, const std::string& name,
     ++there;
   }
   if (there >= limits_.files_of_set) {
-    throw HttpError(409, fmt::format("the set has {} files already; make another", there));
+    throw HttpError(409, fmt::format("the set has already {} files; make another", there));
   }
   std::string final_name = name;
   if (replace) {
@@ -247,8 +247,7 @@ FileInfo Workspace::store(const std::string& set, const std::string& name,
         throw HttpError(507, fmt::format("'{}' cannot be stored: {}", name, std::strerror(errno)));
       }
       final_name = fmt::format("{} ({}){}", name.substr(0, dot), n, name.substr(dot));
-      if (!is_good_name(final_name))
-        throw HttpError(409, fmt::format("there is a '{}' already", name));
+      if (!is_good_name(final_name)) throw HttpError(409, fmt::format("'{}' exists already", name));
     }
     ::unlink(spooled.c_str());
   }
@@ -276,7 +275,7 @@ void Workspace::remove_file(const std::string& set, const std::string& name) {
     throw HttpError(500, fmt::format("'{}' cannot be deleted: {}", name, std::strerror(errno)));
   }
   const std::lock_guard lock(mutex_);
-  looked_at_.erase(path);
+  inspected_.erase(path);
   measured_.reset();
 }
 
@@ -286,7 +285,7 @@ std::vector<FileInfo> Workspace::states() const {
   for (const auto& entry : fs::directory_iterator(folder_, error)) {
     const std::string name = entry.path().filename().string();
     if (!is_good_name(name) || is_folder_name(name)) continue;
-    if (is_file(entry.path().string())) files.push_back(look_at(entry.path().string(), name));
+    if (is_file(entry.path().string())) files.push_back(inspect(entry.path().string(), name));
   }
   std::sort(files.begin(), files.end(),
             [](const FileInfo& a, const FileInfo& b) { return a.name < b.name; });
@@ -305,8 +304,8 @@ std::string Workspace::state_path(const std::string& name) const {
 void Workspace::remove_state(const std::string& name) {
   const std::string path = state_path(name);
   // An SQLite file has journals beside it, and so has a set of annotations.
-  for (const char* ending : {"-journal", "-wal", "-shm", ".journal"}) {
-    ::unlink((path + ending).c_str());
+  for (const char* extension : {"-journal", "-wal", "-shm", ".journal"}) {
+    ::unlink((path + extension).c_str());
   }
   if (::unlink(path.c_str()) != 0) {
     throw HttpError(500, fmt::format("'{}' cannot be deleted: {}", name, std::strerror(errno)));
@@ -343,8 +342,8 @@ void Workspace::check_space(std::uint64_t bytes) const {
                                      now.used / 1'000'000, now.quota / 1'000'000));
   }
   if (now.free < limits_.disk_reserve_bytes + bytes) {
-    throw HttpError(507, fmt::format("the disk is nearly full: {} MB are left, of which {} stay "
-                                     "free; delete sets or jobs",
+    throw HttpError(507, fmt::format("the disk is nearly full: {} MB are free, of which {} stay "
+                                     "reserved; delete sets or jobs",
                                      now.free / 1'000'000, limits_.disk_reserve_bytes / 1'000'000));
   }
 }

@@ -123,13 +123,13 @@ class Workspace {
 
  private:
   [[nodiscard]] std::string set_folder(const std::string& name) const;
-  [[nodiscard]] FileInfo look_at(const std::string& path, const std::string& name) const;
+  [[nodiscard]] FileInfo inspect(const std::string& path, const std::string& name) const;
 
   std::string folder_;
   const WorkspaceLimits limits_;
   int lock_ = -1;
   mutable std::mutex mutex_;  // protects the following members, and changes to sets
-  mutable std::map<std::string, std::pair<std::string, FileInfo>> looked_at_;  // by path
+  mutable std::map<std::string, std::pair<std::string, FileInfo>> inspected_;  // by path
   mutable std::uint64_t used_ = 0;
   mutable std::optional<std::chrono::steady_clock::time_point> measured_;
   std::mutex thumbnails_;
@@ -138,8 +138,8 @@ class Workspace {
 
 // Why an uploaded file is refused, or "": unknown type, too many pixels, damaged, or a text that
 // names files by absolute paths or "..", which a verb would open.
-[[nodiscard]] std::string find_upload_trouble(std::string_view name, std::string_view bytes,
-                                              std::int64_t max_pixels, FileType& type);
+[[nodiscard]] std::string upload_error(std::string_view name, std::string_view bytes,
+                                       std::int64_t max_pixels, FileType& type);
 
 // "image/jpeg" etc. for files that browsers may show; "application/octet-stream" for all others.
 [[nodiscard]] std::string media_type(std::string_view name);

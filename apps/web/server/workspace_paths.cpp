@@ -18,8 +18,8 @@ namespace tarsier::web {
 
 void check_name(std::string_view what, const std::string& name) {
   if (is_good_name(name)) return;
-  throw HttpError(400, fmt::format("'{}' is no good name of a {}: letters, digits, spaces and "
-                                   "- _ . ( ), at most 120 bytes, no / * ? [ ] and no . at its "
+  throw HttpError(400, fmt::format("'{}' is not a valid name of a {}: letters, digits, spaces and "
+                                   "- _ . ( ), at most 120 bytes, no / * ? [ ] and no . at the "
                                    "beginning",
                                    printable(name.substr(0, 100)), what));
 }
@@ -41,14 +41,14 @@ bool is_file(const std::string& path) {
   return ::lstat(path.c_str(), &status) == 0 && S_ISREG(status.st_mode);
 }
 
-std::string head_of(const std::string& path, std::size_t most) {
+std::string head_of(const std::string& path, std::size_t max_bytes) {
   std::string bytes;
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
   if (fd < 0) return bytes;
-  bytes.resize(most);
+  bytes.resize(max_bytes);
   std::size_t done = 0;
-  while (done < most) {
-    const ssize_t count = ::read(fd, bytes.data() + done, most - done);
+  while (done < max_bytes) {
+    const ssize_t count = ::read(fd, bytes.data() + done, max_bytes - done);
     if (count <= 0) break;
     done += static_cast<std::size_t>(count);
   }

@@ -68,7 +68,7 @@ std::vector<FileInfo> Workspace::job_files(const std::string& id) const {
     }
     if (!is_file(path)) continue;
     try {
-      files.push_back(look_at(path, path.substr(folder.size() + 1)));
+      files.push_back(inspect(path, path.substr(folder.size() + 1)));
     } catch (const HttpError&) {  // a temporary file that was deleted meanwhile
     }
   }
@@ -96,7 +96,7 @@ std::string Workspace::resolve(const std::string& reference, bool must_exist) co
       check_name("file", rest);
       const std::string path = folder_ + '/' + rest;
       if (is_folder_name(rest) || is_link(path)) {
-        throw HttpError(400, fmt::format("ws:{} is no file", rest));
+        throw HttpError(400, fmt::format("ws:{} is not a file", rest));
       }
       // Verbs create gallery and plates.db when they use them.
       if (must_exist && !is_file(path) && !is_folder(path)) {
@@ -115,7 +115,7 @@ std::string Workspace::resolve(const std::string& reference, bool must_exist) co
     throw UsageError(fmt::format("{}: {}", printable(reference.substr(0, 200)), error.what()));
   }
   throw UsageError(
-      fmt::format("'{}' is no reference: set:NAME, set:NAME/FILE, job:ID/FILE, ws:NAME",
+      fmt::format("'{}' is not a reference; expected set:NAME, set:NAME/FILE, job:ID/FILE, ws:NAME",
                   printable(reference.substr(0, 200))));
 }
 

@@ -44,7 +44,7 @@ class WorkspaceTest : public testing::Test {
     try {
       work();
     } catch (const HttpError& error) {
-      said_ = error.what();
+      message_ = error.what();
       return error.status();
     }
     return 0;
@@ -53,17 +53,17 @@ class WorkspaceTest : public testing::Test {
   TemporaryFolder folder_;
   std::unique_ptr<Workspace> workspace_ =
       std::make_unique<Workspace>(folder_.path() + "/ws", small());
-  std::string said_;
+  std::string message_;
   int count_ = 0;
 };
 
-TEST_F(WorkspaceTest, HasOneServer) {
+TEST_F(WorkspaceTest, AllowsOneServer) {
   EXPECT_THROW(Workspace(folder_.path() + "/ws"), OutputError);
   workspace_.reset();
   EXPECT_NO_THROW(Workspace(folder_.path() + "/ws"));
 }
 
-TEST_F(WorkspaceTest, KeepsOthersOut) {
+TEST_F(WorkspaceTest, IsPrivate) {
   for (const char* part : {"/ws/.studio", "/ws/sets", "/ws/jobs"}) {
     EXPECT_EQ(fs::status(folder_.path() + part).permissions(), fs::perms::owner_all) << part;
   }
@@ -89,7 +89,7 @@ TEST_F(WorkspaceTest, StoresAndListsFiles) {
   EXPECT_TRUE(workspace_->sets().empty());
 }
 
-TEST_F(WorkspaceTest, FormsReplaceNothing) {
+TEST_F(WorkspaceTest, FormsReplaceNoFiles) {
   workspace_->make_set("a");
   EXPECT_EQ(workspace_->store("a", "image.jpg", spool(image()), false).name, "image.jpg");
   EXPECT_EQ(workspace_->store("a", "image.jpg", spool(image(50)), false).name, "image (2).jpg");
@@ -166,14 +166,14 @@ TEST_F(WorkspaceTest, ResolvesReferences) {
   EXPECT_EQ(workspace_->job_files("j1").front().name, "model/points.ply");
 }
 
-TEST_F(WorkspaceTest, LooksAtUploads) {
+TEST_F(WorkspaceTest, ChecksUploads) {
   workspace_->make_set("a");
   const auto store = [&](const std::string& name, std::string_view bytes) {
     return status_of([&] { (void)workspace_->store("a", name, spool(bytes), true); });
   };
   EXPECT_EQ(store("empty.png", ""), 415);
   EXPECT_EQ(store("large.png", image(200, 100)), 415);  // more pixels than are taken
-  EXPECT_THAT(said_, HasSubstr("200x100"));
+  EXPECT_THAT(message_, HasSubstr("200x100"));
   EXPECT_EQ(store("cut.png", image().substr(0, 60)), 415);
   EXPECT_EQ(store("page.html", "<script>alert(1)</script>"), 415);
   EXPECT_EQ(store("page.png", "<script>alert(1)</script>"), 415);
@@ -187,52 +187,52 @@ TEST_F(WorkspaceTest, LooksAtUploads) {
   EXPECT_TRUE(workspace_->files("a").empty());
 }
 
-TEST_F(WorkspaceTest, RefusesListsThatLeadOut) {
+TEST_F(WorkspaceTest, RefusesListsThatNameFilesElsewhere) {
   FileType type{};
-  const auto trouble = [&](std::string_view text) {
-    return find_upload_trouble("x.json", text, 1000, type);
+  const auto error_of = [&](std::string_view text) {
+    return upload_error("x.json", text, 1000, type);
   };
   for (const char* text :
        {"/etc/passwd", "a.jpg\n/etc/passwd", R"({"image": "/home/x/1.jpg"})", "../x.jpg",
         "a/../../x", R"({"image": "\/etc\/passwd"})", "image,x\n/root/a.png,3", "~/a.jpg",
         "<image file='/x.jpg'/>", R"("\u002fetc")", "<i file='&#47;etc'/>", "key: /x"}) {
-    EXPECT_NE(trouble(text), "") << text;
+    EXPECT_NE(error_of(text), "") << text;
   }
   for (const char* text :
        {"a.jpg\nb/c.jpg\n", R"({"image": "faces/1.jpg", "rate": "1/2"})",
         "<image file='a.jpg'/><br /></image>", "f 1/2/3 1//3", "# a / b", "v 0 0 0"}) {
-    EXPECT_EQ(trouble(text), "") << text;
+    EXPECT_EQ(error_of(text), "") << text;
   }
-  EXPECT_EQ(trouble("{\"data\": \"/" + std::string(5000, 'A') + "\"}"), "")
+  EXPECT_EQ(error_of("{\"data\": \"/" + std::string(5000, 'A') + "\"}"), "")
       << "encoded bytes may begin with '/'";
 }
 
-TEST_F(WorkspaceTest, KeepsToItsQuota) {
+TEST_F(WorkspaceTest, EnforcesItsQuota) {
   WorkspaceLimits limits = small();
   limits.quota_bytes = 1'000;
   workspace_.reset();
   Workspace full(folder_.path() + "/ws", limits);
   EXPECT_EQ(status_of([&] { full.check_space(0); }), 507);
-  EXPECT_THAT(said_, HasSubstr("delete sets or jobs"));
+  EXPECT_THAT(message_, HasSubstr("delete sets or jobs"));
 }
 
-TEST_F(WorkspaceTest, LeavesTheDiskItsReserve) {
+TEST_F(WorkspaceTest, EnforcesTheDiskReserve) {
   WorkspaceLimits limits = small();
   limits.disk_reserve_bytes = 1ULL << 60U;
   workspace_.reset();
   Workspace full(folder_.path() + "/ws", limits);
   EXPECT_EQ(status_of([&] { full.check_space(0); }), 507);
-  EXPECT_THAT(said_, HasSubstr("disk is nearly full"));
+  EXPECT_THAT(message_, HasSubstr("disk is nearly full"));
 }
 
-TEST_F(WorkspaceTest, ForgetsUploadsThatWereCutShort) {
+TEST_F(WorkspaceTest, RemovesUnfinishedUploads) {
   spool("half");
   workspace_.reset();
   Workspace fresh(folder_.path() + "/ws", small());
   EXPECT_TRUE(fs::is_empty(fresh.uploads_folder()));
 }
 
-TEST(MediaType, ShowsNothingThatRuns) {
+TEST(MediaType, NeverShowsActiveContent) {
   EXPECT_EQ(media_type("a.JPG"), "image/jpeg");
   for (const char* name : {"a.html", "a.svg", "a.xml", "a.js", "a.json", "a", "a.pdf"}) {
     EXPECT_EQ(media_type(name), "application/octet-stream") << name;

@@ -53,8 +53,8 @@ int make_thumbnail(const std::string& file, const std::string& out, int width) {
 }
 
 std::string Workspace::thumbnail(const std::string& path, int width, const std::string& program) {
-  const FileInfo info = look_at(path, fs::path(path).filename().string());
-  if (info.type != FileType::kImage) throw HttpError(415, "only an image has a thumbnail");
+  const FileInfo info = inspect(path, fs::path(path).filename().string());
+  if (info.type != FileType::kImage) throw HttpError(415, "only images have thumbnails");
   const std::string version =
       sum_of(fmt::format("{}\n{}", info.bytes, info.modified)).substr(0, 16);
   const std::string out = fmt::format("{}/thumbnails/{}-{}-{}.jpg", studio_folder(),

@@ -105,7 +105,9 @@ void add_flags(Command& verb, SheetFlags& flags) {
   board.excludes(family).excludes(ids).excludes(size);
   verb.add_option("--square", flags.square, "board: side of a square, or distance of dots")
       .needs(board);
-  verb.add_option("--page", flags.page, "a3, a4, a5, letter, legal or 200x300mm").show_default();
+  verb.add_option("--page", flags.page, "a3, a4, a5, letter, legal or 200x300mm")
+      .suggest({"a3", "a4", "a5", "letter", "legal"})
+      .show_default();
   verb.add_option("--margin", flags.margin, "white margin: 10mm").show_default();
   verb.add_option("--dpi", flags.dpi, "resolution of .png, 36..2400 dpi")
       .check(range(36.0, 2400.0))

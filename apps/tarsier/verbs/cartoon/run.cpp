@@ -93,11 +93,14 @@ cv::Scalar parse_color(std::string_view flag, std::string_view text) {
 void add_cartoon_flags(Command& verb, CartoonFlags& flags) {
   add_run_flags(verb, flags.run);
   CartoonOptions& options = flags.options;
-  std::vector<std::string_view> modes;
-  for (const cartoon::Mode mode : cartoon::all_modes()) modes.push_back(cartoon::name_of(mode));
-  verb.add_option("--mode", flags.mode, fmt::format("{}", fmt::join(modes, " "))).show_default();
+  std::vector<std::string> modes;
+  for (const cartoon::Mode mode : cartoon::all_modes()) modes.emplace_back(cartoon::name_of(mode));
+  verb.add_option("--mode", flags.mode, fmt::format("{}", fmt::join(modes, " ")))
+      .suggest(modes)
+      .show_default();
   verb.add_option("--quality", flags.quality,
                   "reference: exact; fast: same image, faster; draft: for small machines")
+      .suggest({"reference", "fast", "draft"})
       .show_default();
   verb.add_flag("--steady", options.steady.on, "reduce flicker of lines in videos");
   verb.add_option("--save-dir", flags.save_folder, "folder for images saved with the key w")

@@ -148,6 +148,7 @@ void add_match_flags(Command& verb, ReconstructFlags& flags, bool is_whole) {
   match(verb.add_option("--pairs", flags.pairs,
                         "auto, exhaustive, sequential, retrieval; or a file with two names per "
                         "line")
+            .suggest({"auto", "exhaustive", "sequential", "retrieval"})
             .show_default());
   match(bind_field(verb, pipeline, pipeline.overlap));
   match(bind_field(verb, pipeline, pipeline.nearest));

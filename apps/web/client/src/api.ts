@@ -36,6 +36,8 @@ export interface FlagHelp {
   positional: number | null;
   type: 'text' | 'switch' | 'integer' | 'number';
   choices: string[];
+  suggestions: string[]; // words that a text may be, among other values
+  headless_value: string | null; // opens no window, where the verb opens one without this flag
   range: { min: number | null; max: number | null; min_excluded: boolean; max_excluded?: boolean } | null;
   unit?: string; // of a number: "px", "s"
   default: string | number | boolean | null;
@@ -267,7 +269,7 @@ async function errorOf(response: Response): Promise<ApiError> {
   if (response.status === 401) signedIn.value = false;
   return new ApiError(
     response.status,
-    message || `The server answered ${response.status} ${response.statusText}.`,
+    message || `The server returned ${response.status} ${response.statusText}.`,
   );
 }
 
@@ -305,7 +307,7 @@ export async function call(path: string, options: CallOptions = {}): Promise<Res
   } catch (problem) {
     if (problem instanceof DOMException && problem.name === 'AbortError') throw problem;
     offline.value = true;
-    throw new ApiError(0, 'The server does not answer. Is tarsier serve still running?');
+    throw new ApiError(0, 'The server does not respond. Check that tarsier serve is running.');
   }
   offline.value = false;
   if (!response.ok) throw await errorOf(response);

@@ -17,7 +17,7 @@ export const TRIALS: Trial[] = [
   {
     id: 'cartoon',
     title: 'Cartoon',
-    text: 'Turns a live image into a sketch, a painting or a cartoon.',
+    text: 'Turns live video into a sketch, a painting or a cartoon.',
     verb: 'cartoon run',
     inputs: ['synth:portrait?live=1'],
     flags: {},
@@ -26,7 +26,7 @@ export const TRIALS: Trial[] = [
   {
     id: 'plates',
     title: 'Number plates',
-    text: 'Finds and reads the plates of passing cars.',
+    text: 'Detects and reads the number plates of passing cars.',
     verb: 'plate read',
     inputs: ['synth:drive?live=1&fps=5'],
     flags: {},
@@ -36,7 +36,7 @@ export const TRIALS: Trial[] = [
   {
     id: 'landmarks',
     title: 'Facial landmarks',
-    text: 'Finds the 68 points of each face and follows them.',
+    text: 'Detects and tracks the 68 landmarks of each face.',
     verb: 'landmarks track',
     inputs: ['synth:portrait?live=1'],
     flags: {},
@@ -46,7 +46,7 @@ export const TRIALS: Trial[] = [
   {
     id: 'pose',
     title: 'Head pose',
-    text: 'Tells where a head looks, and puts glasses on it.',
+    text: 'Estimates the pose of each head and draws glasses on it.',
     verb: 'pose track',
     inputs: ['synth:portrait?live=1'],
     flags: { '--draw': 'glasses' },
@@ -55,7 +55,7 @@ export const TRIALS: Trial[] = [
   {
     id: 'people',
     title: 'People',
-    text: 'Enrols faces and recognises them later. Nothing leaves this machine.',
+    text: 'Enrols people and identifies their faces. All data stays on this machine.',
     verb: 'people live',
     inputs: ['synth:portrait?live=1'],
     flags: {},
@@ -65,7 +65,7 @@ export const TRIALS: Trial[] = [
   {
     id: 'markers',
     title: 'Markers',
-    text: 'Finds printed markers and stands objects on them.',
+    text: 'Detects printed markers and draws objects on them.',
     verb: 'ar markers',
     inputs: ['synth:markers?live=1'],
     flags: { '--focal': 608, '--draw': 'cube' },
@@ -74,7 +74,7 @@ export const TRIALS: Trial[] = [
   {
     id: 'aam',
     title: 'Appearance models',
-    text: 'Fits a whole face, shape and look, to the image.',
+    text: 'Fits the shape and texture of a whole face to the image.',
     verb: 'aam fit',
     inputs: ['synth:portrait?live=1'],
     flags: {},
@@ -84,7 +84,7 @@ export const TRIALS: Trial[] = [
   {
     id: 'reconstruct',
     title: 'Structure from motion',
-    text: 'Makes a cloud of points and the cameras from images.',
+    text: 'Computes camera poses and a point cloud from images.',
     inputs: [],
     flags: {},
     camera: false,
@@ -94,7 +94,7 @@ export const TRIALS: Trial[] = [
   {
     id: 'calibrate',
     title: 'Calibration',
-    text: 'Measures a camera with a printed board.',
+    text: 'Calibrates a camera with a printed board.',
     verb: 'calibrate',
     inputs: ['synth:board?live=1'],
     flags: { '--board': 'chess:9x6', '--square': '25mm', '--output': 'ws:camera-drawn.yaml' },

@@ -9,7 +9,7 @@ export interface Field {
   label: string; // "mode"
   control: Control;
   choices: string[];
-  suggestions: string[]; // words that the help lists
+  suggestions: string[]; // words that a text may be, among other values
   min: number | null;
   minExcluded: boolean;
   maxExcluded: boolean;
@@ -28,7 +28,7 @@ export type FormValue = string | boolean | string[];
 export type FormValues = Record<string, FormValue>;
 
 // Flags that make no sense in a browser, or that the server sets itself or refuses.
-export const NOT_HERE = new Set([
+export const HIDDEN_FLAGS = new Set([
   '--output',
   '--window',
   '--fullscreen',
@@ -52,32 +52,6 @@ export const NOT_HERE = new Set([
   '--on-event-timeout',
 ]);
 
-// "1..100, odd": the range that a help text begins or contains, as hint for the control.
-export function rangeOfHelp(help: string): { min: number; max: number } | null {
-  const found = /(?:^|[\s,([])(-?\d+(?:\.\d+)?)\.\.(-?\d+(?:\.\d+)?)(?![\d.])/.exec(help);
-  if (!found) return null;
-  const min = Number(found[1]);
-  const max = Number(found[2]);
-  return min < max ? { min, max } : null;
-}
-
-// The words that a help text lists, where it does nothing else and the default is one of them:
-// "sketch paint cartoon evil", or "fast: the same image; draft: for small machines".
-export function wordsOfHelp(help: string, preset: FieldDefault): string[] {
-  const explained = help.split(/;\s*/).map((part) => /^([a-z0-9][a-z0-9-]*): \S/.exec(part)?.[1] ?? '');
-  const listed = (help.split(/[.;:]\s/)[0] ?? '')
-    .replaceAll(',', ' ')
-    .split(/\s+/)
-    .filter((word) => word !== '' && word !== 'or');
-  for (const words of [explained, listed]) {
-    const good = words.length > 1 && words.every((word) => /^[a-z0-9][a-z0-9-]*$/.test(word));
-    if (good && typeof preset === 'string' && words.includes(preset)) return words;
-  }
-  return [];
-}
-
-type FieldDefault = FlagHelp['default'];
-
 // "--min-face": "Min face".
 export function labelOf(name: string): string {
   const words = name.replace(/^--/, '').replaceAll('-', ' ');
@@ -88,7 +62,6 @@ export function fieldOf(flag: FlagHelp): Field {
   const name =
     flag.names.find((one) => one.startsWith('--') && !one.startsWith('--no-')) ?? flag.names[0] ?? '';
   const number = flag.type === 'integer' || flag.type === 'number';
-  const hint = number ? rangeOfHelp(flag.help) : null;
   let control: Control = 'text';
   if (flag.type === 'switch') control = 'switch';
   else if (flag.choices.length > 0 && flag.repeatable) control = 'choices';
@@ -100,10 +73,10 @@ export function fieldOf(flag: FlagHelp): Field {
     label: number && flag.unit ? `${labelOf(name)}, ${flag.unit}` : labelOf(name),
     control,
     choices: flag.choices,
-    suggestions: control === 'text' ? wordsOfHelp(flag.help, flag.default) : [],
-    min: flag.range?.min ?? hint?.min ?? null,
+    suggestions: control === 'text' ? flag.suggestions : [],
+    min: flag.range?.min ?? null,
     minExcluded: flag.range?.min_excluded ?? false,
-    max: flag.range?.max ?? hint?.max ?? null,
+    max: flag.range?.max ?? null,
     maxExcluded: flag.range?.max_excluded ?? false,
     values: flag.values,
     default: flag.default,
@@ -127,7 +100,7 @@ export interface FormOptions {
 }
 
 export function formGroups(verb: VerbHelp, options: FormOptions = {}): FieldGroup[] {
-  const hidden = new Set([...NOT_HERE, ...(options.hide ?? [])]);
+  const hidden = new Set([...HIDDEN_FLAGS, ...(options.hide ?? [])]);
   let fields = verb.flags.map(fieldOf);
   if (options.only) {
     const only = options.only;
@@ -160,26 +133,29 @@ export function problemOf(field: Field, value: FormValue): string {
   if (typeof value === 'boolean') return '';
   if (Array.isArray(value)) {
     const strange = value.find((word) => !field.choices.includes(word));
-    return strange === undefined ? '' : `${field.label}: ${strange} is none of ${field.choices.join(', ')}.`;
+    return strange === undefined
+      ? ''
+      : `${field.label}: ${strange} is not one of ${field.choices.join(', ')}.`;
   }
   const text = value.trim();
-  if (text === '') return field.required ? `${field.label} is needed.` : '';
+  if (text === '') return field.required ? `${field.label} is required.` : '';
   if (field.control === 'choice' && !field.choices.includes(text)) {
-    return `${field.label} is one of ${field.choices.join(', ')}.`;
+    return `${field.label} must be one of ${field.choices.join(', ')}.`;
   }
   if (field.control === 'integer' || field.control === 'number') {
     const number = Number(text);
-    if (!Number.isFinite(number)) return `${field.label} is a number.`;
-    if (field.control === 'integer' && !Number.isInteger(number)) return `${field.label} is a whole number.`;
+    if (!Number.isFinite(number)) return `${field.label} must be a number.`;
+    if (field.control === 'integer' && !Number.isInteger(number))
+      return `${field.label} must be a whole number.`;
     if (field.min !== null && (number < field.min || (field.minExcluded && number === field.min))) {
-      return `${field.label} is ${field.minExcluded ? 'more than' : 'at least'} ${field.min}.`;
+      return `${field.label} must be ${field.minExcluded ? 'more than' : 'at least'} ${field.min}.`;
     }
     if (field.max !== null && (number > field.max || (field.maxExcluded && number === field.max))) {
-      return `${field.label} is ${field.maxExcluded ? 'less than' : 'at most'} ${field.max}.`;
+      return `${field.label} must be ${field.maxExcluded ? 'less than' : 'at most'} ${field.max}.`;
     }
   }
   if (field.control === 'list' && field.values > 1 && split(text).length !== field.values) {
-    return `${field.label} takes ${field.values} values.`;
+    return `${field.label} needs ${field.values} values.`;
   }
   return '';
 }

@@ -61,12 +61,12 @@ export function problemOfKey(
   own: OwnKeys,
   reserved: ReadonlySet<number>,
 ): string {
-  if (code === 27) return 'Escape stays with the page.';
+  if (code === 27) return 'Escape is reserved for the page.';
   for (const other of actions) {
     if (other.name !== name && keyOf(other, own) > 0 && same(keyOf(other, own), code))
-      return `${keyName(code)} is the key of "${other.help || other.name}". Give that another one first.`;
+      return `${keyName(code)} is already the key of "${other.help || other.name}". Change that key first.`;
   }
-  if (reserved.has(code)) return `${keyName(code)} stays with the page.`;
+  if (reserved.has(code)) return `${keyName(code)} is reserved for the page.`;
   return '';
 }
 

@@ -153,12 +153,12 @@ export function watchSession(id: string, paint?: Paint, width = WHOLE): () => vo
   const one = sessionOf(id);
   one.watchers += 1;
   if (paint) one.painters.set(paint, width);
-  soon();
+  scheduleUpdate();
   return () => {
     one.watchers -= 1;
     if (paint) one.painters.delete(paint);
     if (one.watchers === 0) sessions.delete(id);
-    soon();
+    scheduleUpdate();
   };
 }
 
@@ -167,19 +167,19 @@ export function setImageWidth(id: string, paint: Paint, width: number): void {
   const one = sessions.get(id);
   if (!one || !one.painters.has(paint) || one.painters.get(paint) === width) return;
   one.painters.set(paint, width);
-  soon();
+  scheduleUpdate();
 }
 
 export function watchJobs(): () => void {
   jobWatchers += 1;
-  soon();
+  scheduleUpdate();
   return () => {
     jobWatchers -= 1;
-    soon();
+    scheduleUpdate();
   };
 }
 
-function wanted(): string {
+function streamAddress(): string {
   if (document.visibilityState === 'hidden' || signedIn.value !== true) return '';
   const ids = [...sessions.entries()]
     .filter(([, one]) => one.watchers > 0 && one.ended.value === undefined)
@@ -197,7 +197,7 @@ function wanted(): string {
 
 let pending = false;
 // Pages change what they watch in bursts: one new connection for all of it.
-function soon(): void {
+function scheduleUpdate(): void {
   if (pending) return;
   pending = true;
   setTimeout(() => {
@@ -207,7 +207,7 @@ function soon(): void {
 }
 
 function update(): void {
-  const address = wanted();
+  const address = streamAddress();
   if (address === wantedNow && (address === '' || controller)) return;
   wantedNow = address;
   controller?.abort();
@@ -232,7 +232,7 @@ async function connect(address: string): Promise<void> {
   }, 2000);
   try {
     const response = await call(address, { signal: own.signal });
-    if (!response.body) throw new Error('the browser gives no stream');
+    if (!response.body) throw new Error('the browser does not support streamed responses');
     const reader = response.body.getReader();
     const parser = new LiveParser();
     liveLink.value = 'open';
@@ -250,7 +250,7 @@ async function connect(address: string): Promise<void> {
   }
   if (controller !== own) return;
   controller = undefined;
-  const next = wanted();
+  const next = streamAddress();
   if (next === '') {
     wantedNow = '';
     liveLink.value = 'idle';
@@ -317,8 +317,8 @@ async function decode(one: Watched): Promise<void> {
 }
 
 export function startLive(): void {
-  document.addEventListener('visibilitychange', soon);
-  signedIn.subscribe(soon);
+  document.addEventListener('visibilitychange', scheduleUpdate);
+  signedIn.subscribe(scheduleUpdate);
   window.addEventListener('pagehide', () => controller?.abort());
-  window.addEventListener('pageshow', soon);
+  window.addEventListener('pageshow', scheduleUpdate);
 }

@@ -48,9 +48,9 @@ function Missing() {
   return (
     <div class="empty">
       <Eyes />
-      <h1 tabIndex={-1}>There is no such page</h1>
+      <h1 tabIndex={-1}>This page does not exist</h1>
       <p>
-        <a href="/">Go to the first page</a>
+        <a href="/">Go to the home page</a>
       </p>
     </div>
   );
@@ -72,7 +72,11 @@ function Body({ page }: { page: string }) {
       (show) => current && setLazy({ page, show, problem: '' }),
       () =>
         current &&
-        setLazy({ page, show: null, problem: 'This page did not load. Is the server still running?' }),
+        setLazy({
+          page,
+          show: null,
+          problem: 'This page could not be loaded. Check that the server is running.',
+        }),
     );
     return () => {
       current = false;
@@ -141,7 +145,7 @@ function Shell() {
     return (
       <main id="main" data-page="loading">
         {gone ? (
-          <Notice kind="problem">The server does not answer. Is tarsier serve still running?</Notice>
+          <Notice kind="problem">The server does not respond. Check that tarsier serve is running.</Notice>
         ) : (
           <p>Loading</p>
         )}
@@ -154,12 +158,12 @@ function Shell() {
   return (
     <>
       <a class="skip" href="#main">
-        Skip to the page
+        Skip to the content
       </a>
       <div class="shell">
         <header class="side">
           <div class="side-top">
-            <a class="brand" href="/" aria-label="Tarsier studio, first page">
+            <a class="brand" href="/" aria-label="Tarsier studio, home page">
               <Eyes />
               <span>Tarsier</span>
             </a>
@@ -192,7 +196,7 @@ function Shell() {
             </ul>
             <div class="side-foot">
               <Button kind="quiet" small onClick={nextTheme}>
-                Colours: {theme}
+                Theme: {theme}
               </Button>
               <span class="faint">{info?.version ? `Version ${info.version}` : ''}</span>
             </div>
@@ -201,9 +205,9 @@ function Shell() {
         <div class="content">
           <CameraBar />
           {gone && (
-            <Notice kind="problem">The server does not answer. Is tarsier serve still running?</Notice>
+            <Notice kind="problem">The server does not respond. Check that tarsier serve is running.</Notice>
           )}
-          {!gone && link === 'waiting' && <Notice>The live line was lost. It is being opened again.</Notice>}
+          {!gone && link === 'waiting' && <Notice>The live connection was lost. Reconnecting ...</Notice>}
           <Body page={now.page} />
         </div>
       </div>

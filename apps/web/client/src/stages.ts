@@ -15,7 +15,7 @@ export interface Stages {
 // u32 big-endian frame, u32 length of the list, the list as JSON [{name,width,height,bytes}], the JPEGs one behind the
 // other. Throws on anything else.
 export function parseStages(bytes: Uint8Array): Stages {
-  const broken = () => new Error('The images of the stages came damaged.');
+  const broken = () => new Error('The images of the stages are damaged.');
   if (bytes.length < 8) throw broken();
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   const length = view.getUint32(4);

@@ -19,11 +19,11 @@ let video: HTMLVideoElement | undefined;
 let running = 0;
 
 // Why there can be no camera here, in plain words; "" where there can.
-export function cameraTrouble(): string {
+export function cameraError(): string {
   if (navigator.mediaDevices && 'getUserMedia' in navigator.mediaDevices) return '';
-  if (window.isSecureContext) return 'This browser gives no camera to pages.';
+  if (window.isSecureContext) return 'This browser does not let pages use a camera.';
   return (
-    'Browsers give a page the camera only over https, or on this machine itself. ' +
+    'Browsers let a page use the camera only over https, or on the studio’s machine. ' +
     'Start the studio with --tls-self-signed and open its https link; the browser warns once, because ' +
     'the certificate is the studio’s own.'
   );
@@ -54,8 +54,8 @@ const nextFrame = (one: HTMLVideoElement) =>
 
 // Asks for the camera and sends it until it is stopped. Returns the source's name.
 export async function startViewerCamera(facing: 'user' | 'environment' = 'user'): Promise<string> {
-  const trouble = cameraTrouble();
-  if (trouble) throw new Error(trouble);
+  const error = cameraError();
+  if (error) throw new Error(error);
   if (viewerCamera.value) return viewerCamera.value.id;
   try {
     stream = await navigator.mediaDevices.getUserMedia({

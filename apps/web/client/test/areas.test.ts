@@ -9,10 +9,10 @@ import {
   drawnFaceOf,
   groupOf,
   nameProblem,
-  namedOf,
+  identifiedFacesOf,
   personOf,
   proofOf,
-  shotOf,
+  enrolResultOf,
 } from '../src/pages/people/model';
 import {
   areHours,
@@ -21,7 +21,7 @@ import {
   eventOf,
   flagsOf,
   histogram,
-  sureness,
+  confidenceLevel,
   textOf,
   watchEntryOf,
   whenText,
@@ -62,14 +62,14 @@ import {
 import {
   caseCell,
   caseColumns,
-  caseWordFor,
+  caseLabel,
   dataOfJob,
-  drawRequest,
-  judgeRequest,
-  judgeVerbs,
+  synthRequest,
+  evalRequest,
+  evalVerbs,
   trainRequest,
   trainVerbs,
-  wordFor,
+  metricLabel,
 } from '../src/pages/train/verbs';
 
 const near = (a: number, b: number, within = 1e-6) =>
@@ -88,7 +88,7 @@ const images = [
 ].join('\n');
 const points = ['# POINT3D_ID', '9 0 0 5 255 10 20 0.5 1 1 3 0', '12 1 2 4 1 2 3 0.25', 'x', ''].join('\n');
 
-test('cameras of a text model; lines that do not fit are counted', () => {
+test('cameras of a text model; malformed lines are counted', () => {
   const { value, skipped } = parseCameras(cameras);
   assert.equal(value.size, 2);
   assert.equal(skipped, 1);
@@ -127,7 +127,7 @@ test('a hundred thousand points are read within two seconds', () => {
   assert.ok(performance.now() - begin < 2000);
 });
 
-test('projection: the middle of the image, behind the camera, unknown lenses', () => {
+test('projection: principal point, behind the camera, unknown lenses', () => {
   const model = modelOf(cameras, images, points);
   const one = model.cameras.get(1)!;
   const here = model.images.get(1)!;
@@ -144,7 +144,7 @@ test('projection: the middle of the image, behind the camera, unknown lenses', (
   near(y, 610 * v + 240);
 });
 
-test('observations of a point, largest error first; features that are not there are left out', () => {
+test('observations of a point, largest error first; missing features are omitted', () => {
   const model = modelOf(cameras, images, points);
   const seen = observationsOf(0, model.cloud, model.images, model.cameras);
   assert.equal(seen.length, 1); // image 3 has no features
@@ -170,7 +170,7 @@ test('where a camera stood, and which way is up', () => {
   assert.deepEqual(upright([0, 0, 0]), [1, 0, 0, 0, 1, 0, 0, 0, 1]);
 });
 
-test('frusta: 16 lines less two for each camera; bounds leave outliers out', () => {
+test('frusta: the number of lines for each camera; bounds exclude outliers', () => {
   const model = modelOf(cameras, images, points);
   const { lines, names } = frusta(model, 0.1);
   assert.equal(names.length, 3);
@@ -182,7 +182,7 @@ test('frusta: 16 lines less two for each camera; bounds leave outliers out', () 
   assert.equal(boxText(new Float32Array([0, 0, 0, 1, 2, 4])), '1.00 x 2.00 x 4.00');
 });
 
-test('the viewer turns, moves and comes nearer by keys, within limits', () => {
+test('keys rotate, pan and zoom the view within limits', () => {
   const orbit = { target: [0, 0, 0] as [number, number, number], distance: 2, yaw: 0, pitch: 0 };
   assert.deepEqual(eyeOf(orbit), [0, 0, 2]);
   assert.ok(turned(orbit, 0, 10).pitch < Math.PI / 2);
@@ -205,7 +205,7 @@ test('a click finds the nearest of the points under it', () => {
   assert.equal(lengthText(2, 1.5, 'm'), '3.000 m');
 });
 
-test('PLY: written and read again, ascii, and what is refused', () => {
+test('PLY: round trip, ascii, malformed files', () => {
   const { cloud } = modelOf(cameras, images, points);
   const back = readPly(writePly(cloud, (i) => i === 1, 2));
   assert.equal(back.count, 1);
@@ -215,8 +215,8 @@ test('PLY: written and read again, ascii, and what is refused', () => {
   const ascii =
     'ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n4 5 6\n';
   assert.deepEqual([...readPly(text.encode(ascii)).positions], [1, 2, 3, 4, 5, 6]);
-  assert.throws(() => readPly(text.encode('plx')), /no PLY/);
-  assert.throws(() => readPly(writePly(cloud).subarray(0, 200)), /too early|no PLY/);
+  assert.throws(() => readPly(text.encode('plx')), /not a PLY/);
+  assert.throws(() => readPly(writePly(cloud).subarray(0, 200)), /truncated|not a PLY/);
   assert.throws(() => readPly(text.encode(ascii.replace('ascii', 'binary_big_endian'))), /neither/);
 });
 
@@ -291,26 +291,30 @@ test('a search becomes the flags of plate log', () => {
   for (const good of ['', ' ', '22:00-06:00', '8:00-12:00  13:00-24:00']) assert.ok(areHours(good), good);
   for (const bad of ['8-9', '25:00-26:00', '08:00', '08:00-08:00', '1:00-2:00-3:00', '24:00-01:00'])
     assert.ok(!areHours(bad), bad);
-  assert.equal(sureness(0.95), 'sure');
-  assert.equal(sureness(0.2), 'unsure');
+  assert.equal(confidenceLevel(0.95), 'high');
+  assert.equal(confidenceLevel(0.2), 'low');
 });
 
-test('people: lines, advice for each reason, the proof', () => {
+test('people: lines, advice for each reason, deletion proof', () => {
   assert.equal(personOf({ name: '<b>Ann</b>', faces: 3 })?.name, '<b>Ann</b>');
   assert.equal(personOf({ name: 'Ann' }), null);
-  assert.deepEqual(shotOf('a.jpg', { name: 'Ann', added: 1, refused: {} }, ''), {
+  assert.deepEqual(enrolResultOf('a.jpg', { name: 'Ann', added: 1, refused: {} }, ''), {
     name: 'a.jpg',
-    taken: true,
+    accepted: true,
     reason: '',
   });
-  assert.match(shotOf('a.jpg', { added: 0, refused: { 'no face': 1 } }, '').reason, /look into the camera/);
-  assert.equal(shotOf('a.jpg', undefined, 'gone').reason, 'gone');
+  assert.match(
+    enrolResultOf('a.jpg', { added: 0, refused: { 'no face': 1 } }, '').reason,
+    /look into the camera/,
+  );
+  assert.equal(enrolResultOf('a.jpg', undefined, 'gone').reason, 'gone');
   assert.equal(adviceFor('something new'), 'something new');
   assert.equal(proofOf({ name: 'Ann' }), null);
   assert.equal(proofOf({ name: 'Ann', proven: true, left_in: [] })?.proven, true);
   assert.deepEqual(
-    namedOf({ faces: [{ box: [1, 2, 3, 4], label: 'Ann', known: true, confidence: 0.9 }, { box: 1 }] })
-      .length,
+    identifiedFacesOf({
+      faces: [{ box: [1, 2, 3, 4], label: 'Ann', known: true, confidence: 0.9 }, { box: 1 }],
+    }).length,
     1,
   );
   assert.equal(nameProblem('Ann'), '');
@@ -334,7 +338,7 @@ test('people: groups and corrections', () => {
   assert.equal(correctionOf({ what: 'name' }), null);
 });
 
-test('faces on a sheet: enrolled ones and those that were seen', () => {
+test('faces on a sheet: enrolled faces and sightings', () => {
   const enrolled = {
     face: 7,
     name: 'Ann',
@@ -355,7 +359,7 @@ test('faces on a sheet: enrolled ones and those that were seen', () => {
   assert.equal(drawnFaceOf({ name: 'Ann', faces: 3 }), null);
 });
 
-test('annotate: names of points, how often Tab, the cross of the keyboard', () => {
+test('annotate: point names, number of Tab presses, keyboard cursor', () => {
   assert.equal(pointName(0, 68), 'jaw 1');
   assert.equal(pointName(67, 68), 'inner lip 8');
   assert.equal(pointName(3, 5), 'Point 4');
@@ -405,7 +409,7 @@ test('calibrate: rows with their deviations, views of the table', () => {
   assert.notEqual(squareProblem('0'), '');
 });
 
-test('curves of what a job prints, or of its progress', () => {
+test('curves from printed lines or from progress', () => {
   const lines = [1, 2, 3].map((step) => ({ step, loss: 1 / step, seconds: step, name: 'x' }));
   assert.deepEqual(seriesOf(lines), [{ name: 'loss', x: [1, 2, 3], y: [1, 0.5, 1 / 3] }]);
   assert.deepEqual(seriesOf([{ output: 'a', samples: 3 }]), []);
@@ -416,7 +420,7 @@ test('curves of what a job prints, or of its progress', () => {
   assert.equal(polyline({ name: '', x: [0, 1], y: [0, 2] }, 100, 50, 0, 2, 0, 1), '0,50 100,0');
 });
 
-test('figures of two models beside each other', () => {
+test('figures of two models are compared', () => {
   const rows = compare({ nme_mean: 4, recall: 0.9, faces: 20 }, { nme_mean: 5, recall: 0.95, faces: 20 });
   assert.deepEqual(
     rows.map((one) => [one.name, one.better]),
@@ -429,7 +433,7 @@ test('figures of two models beside each other', () => {
   assert.equal(compare({ a: 1 }, undefined)[0]!.better, null);
 });
 
-test('tables with quotes; the worst cases first', () => {
+test('CSV with quotes; the worst cases first', () => {
   const rows = parseCsv('image,nme,missed\n"a,""b"".jpg",3.5,0\r\nc.jpg,2,1\nd.jpg,9,0\nshort\n');
   assert.equal(rows[0]!.image, 'a,"b".jpg');
   assert.deepEqual(
@@ -438,7 +442,7 @@ test('tables with quotes; the worst cases first', () => {
   );
 });
 
-test('what was not found has no error', () => {
+test('missed detections have no error', () => {
   const cells = (row: Record<string, string>) =>
     caseColumns(Object.keys(row)).map((name) => caseCell(row, name));
   const faces = parseCsv(
@@ -458,27 +462,27 @@ test('what was not found has no error', () => {
     ['a', 'found', 'B1', 'B1', '92 %', '0', 'yes'],
   ]);
   assert.deepEqual(caseColumns(['image', 'ms']), ['image', 'ms']);
-  assert.equal(caseWordFor('exact'), 'Read exactly');
-  assert.equal(wordFor('center_error_px'), 'Center error, px');
+  assert.equal(caseLabel('exact'), 'Read exactly');
+  assert.equal(metricLabel('center_error_px'), 'Center error, px');
 });
 
-test('what is asked of the program to train and to judge', () => {
+test('requests for training and evaluation', () => {
   const verb = (name: string) => trainVerbs.find((one) => one.verb === name)!;
   assert.deepEqual(trainRequest(verb('aam train'), 'ws:a.points.json', { '--mirror': true }), {
     inputs: ['ws:a.points.json'],
     flags: { '--mirror': true, '--output': 'out:aam.json' },
   });
   assert.deepEqual(trainRequest(verb('people train'), '', {}), { inputs: [], flags: {} });
-  const plates = judgeVerbs.find((one) => one.model === '--reader')!;
-  assert.deepEqual(judgeRequest(plates, 'job:1/cars', 'job:2/reader.json', {}).flags, {
+  const plates = evalVerbs.find((one) => one.model === '--reader')!;
+  assert.deepEqual(evalRequest(plates, 'job:1/cars', 'job:2/reader.json', {}).flags, {
     '--reader': 'job:2/reader.json',
     '--truth': 'job:1/cars/truth.csv',
     '--csv': 'out:cases.csv',
     '--errors': true,
   });
-  // What ships is named, so that a model of the user's own is not taken for it.
-  assert.equal(judgeRequest(plates, 'job:1/cars', null, {}).flags['--reader'], 'model:plate-reader');
-  assert.equal(drawRequest('gallery'), null);
+  // The shipped model is named, so that a model of the user's own is not taken for it.
+  assert.equal(evalRequest(plates, 'job:1/cars', null, {}).flags['--reader'], 'model:plate-reader');
+  assert.equal(synthRequest('gallery'), null);
   assert.deepEqual(dataOfJob('points', ['heads/set.json', 'heads/truth.jsonl']), ['heads/set.json']);
   assert.deepEqual(dataOfJob('plates', ['cars/truth.csv']), ['cars']);
 });

@@ -20,12 +20,12 @@ import {
 import { hitOf, readGlb } from '../src/pages/reconstruct/glb';
 import { readPly, writePly } from '../src/pages/reconstruct/ply';
 import { benchColumns, benchRows } from '../src/pages/system/bench_table';
-import { compare, verdictOf } from '../src/pages/train/curves';
+import { compare, comparisonText } from '../src/pages/train/curves';
 
 const positions = new Float32Array([0, 0, 0, 1, 2, 3, -1, 5, 0.5, NaN, 0, 0]);
 const box: Box = { low: [-0.5, 0, 0], high: [1, 2, 3] };
 
-test('a box counts what lies in it, its faces with it', () => {
+test('a box counts the points inside and on its faces', () => {
   assert.equal(isInside(positions, box, 0), true);
   assert.equal(isInside(positions, box, 1), true);
   assert.equal(isInside(positions, box, 2), false);
@@ -36,7 +36,7 @@ test('a box counts what lies in it, its faces with it', () => {
   assert.equal(countInside(positions, wholeBox(positions)), 3);
 });
 
-test('the first box leaves out what lies far away', () => {
+test('the initial box excludes outliers', () => {
   const many = new Float32Array(300);
   for (let i = 0; i < 100; i++) many.set([i / 100, 0, 0], 3 * i);
   many[0] = -1000;
@@ -109,7 +109,7 @@ test('a box has twelve edges', () => {
   assert.ok(stepOf(0) > 0);
 });
 
-test('what is in the box is what the file has', () => {
+test('the saved file has the points in the box', () => {
   const cloud = {
     count: 4,
     positions,
@@ -124,7 +124,7 @@ test('what is in the box is what the file has', () => {
   assert.deepEqual([...back.positions], [0, 0, 0, 2, 4, 6]);
 });
 
-test('the lines of a bench become a table', () => {
+test('benchmark lines become a table', () => {
   const rows = benchRows([
     { bench: 'x', case: 'a', median_ms: 1.23456, us: 3, runs: 10, error: { mean_px: 0.5, note: '' } },
     'no object',
@@ -149,14 +149,14 @@ test('the lines of a bench become a table', () => {
   assert.deepEqual(benchColumns([]), []);
 });
 
-test('a verdict counts who is better', () => {
+test('the comparison counts the better figures', () => {
   const rows = compare({ nme_mean: 3, auc_8: 0.5, faces: 4 }, { nme_mean: 4, auc_8: 0.6, faces: 5 });
-  assert.equal(verdictOf(rows), 'Of 2 figures the new model is better in 1, what ships in 1.');
+  assert.equal(comparisonText(rows), 'Of 2 figures the new model is better in 1, the shipped model in 1.');
   assert.equal(
-    verdictOf(compare({ nme_mean: 3, failures: 0 }, { nme_mean: 4, failures: 0 })),
-    'Of 2 figures the new model is better in 1, what ships in 0, equal in 1.',
+    comparisonText(compare({ nme_mean: 3, failures: 0 }, { nme_mean: 4, failures: 0 })),
+    'Of 2 figures the new model is better in 1, the shipped model in 0, equal in 1.',
   );
-  assert.equal(verdictOf(compare({ faces: 1 }, { faces: 2 })), '');
+  assert.equal(comparisonText(compare({ faces: 1 }, { faces: 2 })), '');
 });
 
 // A .glb of one triangle, its parts as the program writes them.
@@ -194,22 +194,22 @@ function glbOf(change: (json: Record<string, unknown>) => void = () => undefined
   return bytes;
 }
 
-test('a surface is read from a .glb file, and what is broken is refused', () => {
+test('a surface is read from a .glb file; malformed files are refused', () => {
   const surface = readGlb(glbOf());
   assert.deepEqual([...surface.cloud.positions], [0, 0, 0, 2, 0, 0, 0, 2, 0]);
   assert.deepEqual([...surface.faces], [0, 1, 2]);
   assert.deepEqual([...surface.uvs!], [0, 0, 1, 0, 0, 1]);
   assert.deepEqual([...surface.texture!.bytes], [1, 2, 3]);
-  assert.throws(() => readGlb(new Uint8Array(40)), /no binary glTF/);
-  assert.throws(() => readGlb(glbOf().subarray(0, 200)), /ends too early/);
+  assert.throws(() => readGlb(new Uint8Array(40)), /not a binary glTF/);
+  assert.throws(() => readGlb(glbOf().subarray(0, 200)), /truncated/);
   assert.throws(() => readGlb(glbOf((json) => (json['meshes'] = []))), /no surface/);
   const more = (json: Record<string, unknown>) => ((json['accessors'] as { count: number }[])[0]!.count = 4);
-  assert.throws(() => readGlb(glbOf(more)), /ends too early/);
+  assert.throws(() => readGlb(glbOf(more)), /truncated/);
   const fewer = (json: Record<string, unknown>) => ((json['accessors'] as { count: number }[])[0]!.count = 2);
-  assert.throws(() => readGlb(glbOf(fewer)), /vertices that it lacks/);
+  assert.throws(() => readGlb(glbOf(fewer)), /missing vertices/);
 });
 
-test('a click meets the surface where it is nearest, within the box', () => {
+test('a click hits the nearest surface within the box', () => {
   const two = new Float32Array([0, 0, 0, 2, 0, 0, 0, 2, 0, 0, 0, -1, 2, 0, -1, 0, 2, -1]);
   const both = Uint32Array.from([3, 4, 5, 0, 2, 1]);
   assert.deepEqual(hitOf(two, both, [0.5, 0.5, 5], [0, 0, -2]), [0.5, 0.5, 0], 'from either side');
@@ -221,7 +221,7 @@ test('a click meets the surface where it is nearest, within the box', () => {
   assert.equal(hitOf(two, both, [0.5, 0.5, 5], [0, 0, 1]), null, 'behind the eye');
 });
 
-test('of a large cloud every so many points are read', () => {
+test('large clouds are subsampled', () => {
   const ply =
     'ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nend_header\n';
   const bytes = new TextEncoder().encode(ply + [0, 1, 2, 3, 4].map((n) => `${n} 0 0`).join('\n') + '\n');

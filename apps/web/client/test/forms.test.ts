@@ -8,10 +8,8 @@ import {
   formGroups,
   initialValue,
   problemOf,
-  rangeOfHelp,
   shellWord,
   stepOf,
-  wordsOfHelp,
 } from '../src/forms';
 
 const flag = (name: string, more: Partial<FlagHelp> = {}): FlagHelp => ({
@@ -19,6 +17,8 @@ const flag = (name: string, more: Partial<FlagHelp> = {}): FlagHelp => ({
   positional: null,
   type: 'text',
   choices: [],
+  suggestions: [],
+  headless_value: null,
   range: null,
   default: null,
   values: 1,
@@ -34,7 +34,8 @@ const flag = (name: string, more: Partial<FlagHelp> = {}): FlagHelp => ({
 const MODE = flag('--mode', {
   names: ['-m', '--mode'],
   default: 'cartoon',
-  help: 'sketch paint cartoon evil-sketch none',
+  suggestions: ['sketch', 'paint', 'cartoon', 'evil-sketch', 'none'],
+  help: 'the style',
 });
 const PEPPER = flag('--pepper', {
   names: ['--pepper', '--no-pepper'],
@@ -50,7 +51,8 @@ const EVERY = flag('--every', {
 const THRESHOLD = flag('--threshold', {
   type: 'integer',
   default: 80,
-  help: '0..255, of the Laplacian',
+  range: { min: 0, max: 255, min_excluded: false },
+  help: 'of the Laplacian',
   group: 'Lines',
 });
 const AXES = flag('--axes', { choices: ['x', 'xy'], default: 'x', group: 'Lines' });
@@ -79,23 +81,11 @@ test('flags become fields with the right control', () => {
   assert.equal(fieldOf(PAIR).control, 'list');
   const threshold = fieldOf(THRESHOLD);
   assert.deepEqual([threshold.min, threshold.max, stepOf(threshold)], [0, 255, 1]);
+  const named = fieldOf(flag('--pairs', { help: 'auto, all; or a file', default: 'auto' }));
+  assert.deepEqual(named.suggestions, [], 'no words are read from a help text');
 });
 
-test('ranges and words are read from help texts only where they are', () => {
-  assert.deepEqual(rangeOfHelp('px, odd, 3..15'), { min: 3, max: 15 });
-  assert.deepEqual(rangeOfHelp('share of a threshold either side of it, 0..0.9'), { min: 0, max: 0.9 });
-  assert.equal(rangeOfHelp('a file, or a folder ..'), null);
-  assert.equal(rangeOfHelp('px'), null);
-  assert.deepEqual(wordsOfHelp('a name, #rrggbb or r,g,b', 'green'), []);
-  assert.deepEqual(wordsOfHelp('px', null), []);
-  assert.deepEqual(wordsOfHelp('reference: the definition; fast: the same image', 'fast'), [
-    'reference',
-    'fast',
-  ]);
-  assert.deepEqual(wordsOfHelp('s without a frame: end; 0: never', '60'), []);
-});
-
-test('groups keep the order; what has no place in a browser is left out', () => {
+test('groups keep their order and omit flags that a browser cannot use', () => {
   const groups = formGroups(VERB);
   assert.deepEqual(
     groups.map((group) => [group.name, group.fields.map((field) => field.name)]),
@@ -112,7 +102,7 @@ test('groups keep the order; what has no place in a browser is left out', () => 
   assert.ok(!formGroups(VERB, { hide: ['--mode'] }).some((g) => g.fields.some((f) => f.name === '--mode')));
 });
 
-test('values are checked in plain words', () => {
+test('invalid values give an error message', () => {
   const every = fieldOf(EVERY);
   assert.equal(problemOf(every, '2'), '');
   assert.equal(problemOf(every, ''), '');
@@ -122,7 +112,7 @@ test('values are checked in plain words', () => {
   assert.match(problemOf(fieldOf(THRESHOLD), '256'), /at most 255/);
   assert.match(problemOf(fieldOf(AXES), 'z'), /one of x, xy/);
   assert.match(problemOf(fieldOf(PAIR), '1'), /2 values/);
-  assert.match(problemOf(fieldOf(flag('--size', { required: true })), ' '), /needed/);
+  assert.match(problemOf(fieldOf(flag('--size', { required: true })), ' '), /required/);
   assert.match(problemOf(fieldOf(KINDS), ['moon']), /moon/);
 });
 

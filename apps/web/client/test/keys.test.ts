@@ -23,7 +23,7 @@ test('keys have the codes of sessions', () => {
   assert.equal(sessionKey(press('+')), 43);
 });
 
-test('keys that are the browser’s stay there', () => {
+test('browser shortcuts are not intercepted', () => {
   assert.equal(sessionKey(press('Tab')), null);
   assert.equal(sessionKey(press('F5')), null);
   assert.equal(sessionKey(press('ä')), null);

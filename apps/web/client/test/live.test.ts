@@ -45,7 +45,7 @@ function same(records: LiveRecord[]): void {
   });
 }
 
-test('records come out whole, however the stream is cut', () => {
+test('records are parsed from pieces of any size', () => {
   const bytes = joined(STREAM.map(([kind, id, body]) => record(kind, id, body)));
   for (const size of [1, 2, 3, 4, 5, 7, 64, 1000, 4096, 65_536, bytes.length]) {
     const parser = new LiveParser();
@@ -56,7 +56,7 @@ test('records come out whole, however the stream is cut', () => {
   }
 });
 
-test('cut at each single place of the first records', () => {
+test('records are parsed when split at any byte', () => {
   const bytes = joined(STREAM.map(([kind, id, body]) => record(kind, id, body)));
   for (let cut = 0; cut < 60; cut += 1) {
     const parser = new LiveParser();
@@ -69,7 +69,7 @@ test('an empty piece changes nothing', () => {
   assert.deepEqual(parser.push(new Uint8Array(0)), []);
 });
 
-test('records that cannot be are refused', () => {
+test('malformed records are refused', () => {
   const short = new Uint8Array([0, 0, 0, 1, 1]);
   assert.throws(() => new LiveParser().push(short), /1 bytes/);
   const huge = new Uint8Array([255, 255, 255, 255, 1, 0]);
@@ -86,6 +86,6 @@ test('an image has its number, its age and its bytes', () => {
   assert.throws(() => imageOf(new Uint8Array(7)));
 });
 
-test('tries to connect again wait longer each time, at most 8 s', () => {
+test('the delay between reconnects grows to 8 s', () => {
   assert.deepEqual([0, 1, 2, 3, 4, 5, 50].map(backOff), [0.5, 1, 2, 4, 8, 8, 8]);
 });

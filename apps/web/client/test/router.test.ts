@@ -12,7 +12,7 @@ test('paths become pages', () => {
   assert.equal(parseRoute('/people#part').page, 'people');
 });
 
-test('what is no page is missing', () => {
+test('unknown paths give the missing page', () => {
   for (const path of ['/nothing', '/session', '/session/a/b', '/constructor', '/__proto__']) {
     assert.equal(parseRoute(path).page, 'missing', path);
   }

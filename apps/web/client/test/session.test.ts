@@ -29,17 +29,17 @@ test('keys of the viewer go before those of the program', () => {
   assert.deepEqual(meaningOf(115, actions, { sketch: 120, paint: 115 }), { action: 'paint' });
 });
 
-test('a key is for one action', () => {
+test('a key triggers only one action', () => {
   assert.match(problemOfKey(112, 'sketch', actions, {}, none), /oil paint/);
   assert.match(problemOfKey(80, 'sketch', actions, {}, none), /oil paint/, 'large and small');
   assert.equal(problemOfKey(115, 'sketch', actions, {}, none), '');
   assert.equal(problemOfKey(112, 'sketch', actions, { paint: 120 }, none), '', 'it was given up');
   assert.match(problemOfKey(120, 'sketch', actions, { paint: 120 }, none), /oil paint/);
   assert.match(problemOfKey(27, 'sketch', actions, {}, none), /Escape/);
-  assert.match(problemOfKey(113, 'sketch', actions, {}, new Set([113])), /stays with the page/);
+  assert.match(problemOfKey(113, 'sketch', actions, {}, new Set([113])), /reserved for the page/);
 });
 
-test('stored keys that are broken are left out', () => {
+test('invalid stored keys are ignored', () => {
   assert.deepEqual(parseKeys(null), {});
   assert.deepEqual(parseKeys('{'), {});
   assert.deepEqual(parseKeys('[1]'), {});
@@ -49,7 +49,7 @@ test('stored keys that are broken are left out', () => {
   });
 });
 
-test('images are asked for as wide as they are shown', () => {
+test('images are requested at the displayed width', () => {
   assert.equal(widthFor(300, 1), 320);
   assert.equal(widthFor(300, 2), 640);
   assert.equal(widthFor(320, 1), 320);

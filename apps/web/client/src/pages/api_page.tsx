@@ -88,13 +88,13 @@ function Endpoints() {
     <>
       {openapi.error && <Notice kind="problem">{openapi.error}</Notice>}
       <p>
-        Programs use a token: the file <code>.studio/api-token</code> of the workspace. The whole description
-        is <a href="/api/openapi.json">openapi.json</a>; figures for Prometheus are at{' '}
-        <a href="/metrics">/metrics</a>. The calls below expect:
+        Programs sign in with a token: the file <code>.studio/api-token</code> of the workspace. The full
+        description is <a href="/api/openapi.json">openapi.json</a>; metrics for Prometheus are at{' '}
+        <a href="/metrics">/metrics</a>. The calls below use these variables:
       </p>
       <CommandLine text={settings} label="Address and token" />
       <TextField
-        label="Find"
+        label="Filter"
         type="search"
         value={word}
         onInput={setWord}
@@ -160,7 +160,7 @@ export function TryVerb({ verb }: { verb: VerbHelp }) {
               onInput={(event) => setText(event.currentTarget.value)}
             />
             <p class="field-help" id="try-inputs-help">
-              One a line: set:NAME, set:NAME/FILE, ws:FILE, job:ID/FILE, synth:portrait?frames=1
+              One per line: set:NAME, set:NAME/FILE, ws:FILE, job:ID/FILE, synth:portrait?frames=1
             </p>
           </div>
         )}
@@ -172,8 +172,8 @@ export function TryVerb({ verb }: { verb: VerbHelp }) {
               Exit status {answer.exit}, {Math.round(answer.ms)} ms.
             </p>
             {answer.error && <Notice kind="problem">{answer.error}</Notice>}
-            <pre class="log" tabIndex={0} aria-label="Answer">
-              {answer.lines.map((line: Json) => JSON.stringify(line)).join('\n') || 'No lines.'}
+            <pre class="log" tabIndex={0} aria-label="Output">
+              {answer.lines.map((line: Json) => JSON.stringify(line)).join('\n') || 'No output.'}
             </pre>
           </>
         )}
@@ -195,7 +195,7 @@ function Try() {
         value={chosen}
         options={verbs.map((one) => ({ value: one.verb, label: one.verb, group: one.area || 'general' }))}
         onChange={setChosen}
-        help="A run answers within a minute. Longer work is a job."
+        help="A run returns within a minute. Start longer work as a job."
       />
       {verb && <TryVerb key={chosen} verb={verb} />}
     </>
@@ -206,7 +206,7 @@ export function ApiPage() {
   const [tab, setTab] = useState('endpoints');
   return (
     <>
-      <PageHead title="API" text="All that the pages do, other programs can do too." />
+      <PageHead title="API" text="Other programs can do everything that these pages do." />
       <Tabs
         label="API"
         value={tab}

@@ -5,7 +5,7 @@ import { useJobs, useLoad } from '../hooks';
 import { AsyncButton, Button, Notice } from '../ui/controls';
 import { JobCard } from '../ui/job_card';
 import { OWN_CAMERA, startAndOpen } from '../ui/start_dialog';
-import { cameraTrouble } from '../viewer_camera';
+import { cameraError } from '../viewer_camera';
 import { AreaImage, Tarsier } from './area_image';
 
 function TrialCard({ trial }: { trial: Trial }) {
@@ -34,7 +34,7 @@ function TrialCard({ trial }: { trial: Trial }) {
               Try it
             </a>
           )}
-          {verb && trial.camera && !cameraTrouble() && (
+          {verb && trial.camera && !cameraError() && (
             <AsyncButton
               aria-label={`My camera: ${trial.title}`}
               run={() => startAndOpen({ verb, inputs: [OWN_CAMERA], flags: trial.flags })}
@@ -77,14 +77,13 @@ function FirstCheck() {
     (one) => one.area === 'cameras' && one.finding === 'ok' && one.name === 'V4L2',
   );
   if (doctor.error) return <Notice kind="problem">{doctor.error}</Notice>;
-  if (findings.length === 0) return <p class="faint">The machine is being looked at.</p>;
+  if (findings.length === 0) return <p class="faint">Checking this machine.</p>;
   return (
     <Notice kind={bad.length > 0 ? 'problem' : 'good'}>
       {bad.length === 0
-        ? `This machine has all it needs (${findings.length} checks).`
+        ? `This machine is ready: all ${findings.length} checks passed.`
         : bad.map((one) => `${one.name}: ${one.value}. ${one.advice}`).join(' ')}{' '}
-      {!cameras &&
-        'It has no camera of its own: synthetic data and the camera of your phone or computer work. '}
+      {!cameras && 'It has no camera. Use synthetic data, or the camera of your phone or computer. '}
       <a href="/system">All checks</a>
     </Notice>
   );
@@ -101,8 +100,8 @@ export function Home() {
         <div>
           <h1 tabIndex={-1}>What would you like to see?</h1>
           <p class="lead">
-            Pick one. It starts at once, on a scene that the program draws. Images stay on the machine that
-            runs the studio.
+            Choose an area. It starts at once on a synthetic scene. Images stay on the machine that runs the
+            studio.
           </p>
         </div>
       </div>
@@ -111,12 +110,12 @@ export function Home() {
           <TrialCard key={trial.id} trial={trial} />
         ))}
       </div>
-      {cameraTrouble() && <p class="faint camera-note">{cameraTrouble()}</p>}
+      {cameraError() && <p class="faint camera-note">{cameraError()}</p>}
       <section class="section" aria-labelledby="recent">
         <h2 id="recent">Recent jobs</h2>
         {jobs.error && <Notice kind="problem">{jobs.error}</Notice>}
         {shown.length === 0 && !jobs.error && (
-          <p class="faint">None yet. Long work, such as a reconstruction or a training, is listed here.</p>
+          <p class="faint">No jobs yet. Long work, such as a reconstruction or a training, is listed here.</p>
         )}
         <div class="grid">
           {shown.map((job) => (
@@ -125,7 +124,7 @@ export function Home() {
         </div>
         {jobs.jobs.length > 3 && (
           <Button small onClick={() => setAll(!all)}>
-            {all ? 'Fewer' : `All ${jobs.jobs.length} jobs`}
+            {all ? 'Show fewer' : `Show all ${jobs.jobs.length} jobs`}
           </Button>
         )}
       </section>

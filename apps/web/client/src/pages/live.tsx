@@ -82,7 +82,10 @@ export function Live() {
   const shown = all.slice(0, WALL);
   return (
     <>
-      <PageHead title="Live" text="All that runs now. Each image is the newest; a hidden tab gets none.">
+      <PageHead
+        title="Live"
+        text="All running sessions. Each view shows the newest image. Hidden tabs receive no images."
+      >
         <Button kind="main" onClick={() => setStart(true)}>
           Start a session
         </Button>
@@ -90,20 +93,20 @@ export function Live() {
       {sessions.error && <Notice kind="problem">{sessions.error}</Notice>}
       {sessions.value && all.length === 0 && (
         <EmptyState
-          title="Nothing runs yet"
-          text="A session takes a camera, a video or a drawn scene and shows what the program sees in it."
+          title="No session is running"
+          text="A session reads a camera, a video or a synthetic scene and shows the results."
           onSynthetic={() =>
             startAndOpen({ verb: 'cartoon run', inputs: ['synth:portrait?live=1'], flags: {} }).then(
               () => undefined,
             )
           }
         >
-          <Button onClick={() => setStart(true)}>Choose what to start</Button>
+          <Button onClick={() => setStart(true)}>Start a session</Button>
         </EmptyState>
       )}
       {all.length > WALL && (
         <Notice>
-          The wall shows {WALL} of {all.length} sessions.
+          Showing {WALL} of {all.length} sessions.
         </Notice>
       )}
       <div class="wall">

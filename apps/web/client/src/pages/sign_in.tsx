@@ -23,12 +23,12 @@ export function SignIn() {
           Open the link that <code>tarsier serve</code> printed. It signs this browser in and works once.
         </p>
         {problem && <Notice kind="problem">{problem}</Notice>}
-        <p>No link at hand? On the machine that runs the studio, this prints a new one:</p>
+        <p>No link? Run this command on the machine that runs the studio to print a new one:</p>
         <CommandLine text="tarsier serve --link" />
         <form onSubmit={(event) => event.preventDefault()}>
           <TextField
             label="Link or token"
-            help="Paste the whole link, or what comes after #t="
+            help="Paste the whole link, or the part after #t="
             value={text}
             onInput={setText}
             autocomplete="off"

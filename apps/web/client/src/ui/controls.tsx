@@ -490,7 +490,7 @@ export function Table<Row>(props: {
 }
 
 // A day and a time of that day, which may be broken between the two alone.
-export function Moment({ at }: { at: string | number | null | undefined }) {
+export function Timestamp({ at }: { at: string | number | null | undefined }) {
   const [day, time] = timeText(at).split(' ');
   return (
     <span>

@@ -6,7 +6,7 @@ import { AsyncButton, CommandLine, Dialog, Progress } from './controls';
 import { attempt, toast } from './toast';
 
 const WORDS: Record<Job['state'], string> = {
-  queued: 'waits its turn',
+  queued: 'waiting',
   running: 'running',
   done: 'done',
   failed: 'failed',
@@ -54,7 +54,7 @@ export function JobCard(props: { job: Job; onChange?: () => void; files?: boolea
       </p>
       {job.state === 'running' && (
         <Progress
-          label={job.progress?.label ?? 'Working'}
+          label={job.progress?.label ?? 'Running'}
           done={job.progress?.done ?? 0}
           total={job.progress?.total ?? 0}
           unit={job.progress?.unit}
@@ -64,7 +64,7 @@ export function JobCard(props: { job: Job; onChange?: () => void; files?: boolea
       {props.files !== false && !active && (
         <details onToggle={(event) => event.currentTarget.open && setAsked(true)}>
           <summary>Files</summary>
-          {files.length === 0 && <p class="faint">{whole.loading || !asked ? 'Loading' : 'It made none.'}</p>}
+          {files.length === 0 && <p class="faint">{whole.loading || !asked ? 'Loading' : 'No files.'}</p>}
           <ul class="file-list">
             {files.map((file) => (
               <li key={file.name}>
@@ -79,12 +79,16 @@ export function JobCard(props: { job: Job; onChange?: () => void; files?: boolea
       )}
       <div class="row">
         {active && (
-          <AsyncButton small kind="danger" run={() => act(() => api.cancelJob(job.id), 'The job stops.')}>
+          <AsyncButton
+            small
+            kind="danger"
+            run={() => act(() => api.cancelJob(job.id), 'The job is being cancelled.')}
+          >
             Cancel
           </AsyncButton>
         )}
         {!active && job.state !== 'done' && (
-          <AsyncButton small run={() => act(() => api.jobAgain(job.id), 'The job starts again.')}>
+          <AsyncButton small run={() => act(() => api.jobAgain(job.id), 'The job was started again.')}>
             Start again
           </AsyncButton>
         )}
@@ -104,7 +108,7 @@ export function JobCard(props: { job: Job; onChange?: () => void; files?: boolea
       <Dialog title={`Log of ${job.name || job.verb}`} open={log !== null} onClose={() => setLog(null)} wide>
         <CommandLine text={job.command} />
         <pre class="log" tabIndex={0} aria-label="Log">
-          {log || 'Nothing was logged.'}
+          {log || 'The log is empty.'}
         </pre>
       </Dialog>
     </article>

@@ -54,14 +54,14 @@ class EventSender {
 const senders = new Map<string, EventSender>();
 
 // Counts actions and keys: what a slider shows of its own is old then.
-export const acted = signal(0);
+export const actionCount = signal(0);
 
 // Sends an action, slider, key or mouse event to a session.
 export function sendEvent(id: string, event: SessionEvent): void {
   let sender = senders.get(id);
   if (!sender) senders.set(id, (sender = new EventSender(id)));
   sender.send(event);
-  if (!('slider' in event) && !('mouse' in event)) acted.value += 1;
+  if (!('slider' in event) && !('mouse' in event)) actionCount.value += 1;
 }
 
 // The session's status, at most once in so many milliseconds.
@@ -231,7 +231,7 @@ export function LiveView(props: LiveViewProps) {
         aria-roledescription={interactive ? 'live image' : undefined}
         aria-label={
           interactive
-            ? `${props.title}. Keys go to the session while this has the focus; Tab leaves it.`
+            ? `${props.title}. While it has the focus, keys go to the session. Tab leaves it.`
             : props.title
         }
         tabIndex={interactive ? 0 : undefined}

@@ -5,7 +5,7 @@ import { commandText } from '../forms';
 import { useLoad } from '../hooks';
 import { navigate } from '../router';
 import { TRIALS } from '../areas';
-import { cameraTrouble, startViewerCamera } from '../viewer_camera';
+import { cameraError, startViewerCamera } from '../viewer_camera';
 import { AsyncButton, CommandLine, Dialog, Notice, Select } from './controls';
 import { attempt } from './toast';
 import { FlagFields } from './verb_form';
@@ -46,7 +46,7 @@ export async function startAndOpen(request: {
 
 const KINDS: Record<Source['kind'], string> = {
   camera: 'Cameras of the studio’s machine',
-  allowed: 'Sources allowed at its start',
+  allowed: 'Allowed sources',
   viewer: 'Cameras of viewers',
   synth: 'Synthetic',
   file: 'Uploaded sets',
@@ -67,7 +67,7 @@ export function SourceSelect(props: {
     .map((source) => ({ value: source.id, label: source.name, group: KINDS[source.kind] ?? source.kind }));
   options.sort((a, b) => Object.values(KINDS).indexOf(a.group) - Object.values(KINDS).indexOf(b.group));
   options.push({ value: OWN_CAMERA, label: 'My camera', group: 'This device' });
-  options.push({ value: OWN_CAMERA_BACK, label: 'My camera, facing away', group: 'This device' });
+  options.push({ value: OWN_CAMERA_BACK, label: 'My rear camera', group: 'This device' });
   for (const set of sets.value ?? []) {
     if (options.some((option) => option.value === `set:${set.name}`)) continue;
     options.push({
@@ -88,7 +88,7 @@ export function SourceSelect(props: {
         onChange={props.onChange}
         problem={sources.error}
       />
-      {props.value.startsWith(OWN_CAMERA) && cameraTrouble() && <Notice>{cameraTrouble()}</Notice>}
+      {props.value.startsWith(OWN_CAMERA) && cameraError() && <Notice>{cameraError()}</Notice>}
     </>
   );
 }
@@ -117,7 +117,7 @@ function StartForm(props: { verb?: string; source?: string; onStarted: () => voi
     <form onSubmit={(event) => event.preventDefault()}>
       <div class="fields">
         <Select
-          label="What"
+          label="Verb"
           value={chosen}
           options={verbs.map((one) => ({
             value: one.verb,

@@ -34,7 +34,7 @@ function FlagControl({
     const words =
       field.control === 'choice' ? field.choices : [...new Set([...field.suggestions, String(value)])];
     const options = words.map((choice) => ({ value: choice, label: choice }));
-    if (!field.required && field.default === null) options.unshift({ value: '', label: '(as it is)' });
+    if (!field.required && field.default === null) options.unshift({ value: '', label: '(default)' });
     return (
       <Select
         label={field.label}

@@ -88,14 +88,14 @@ export function Annotate() {
     <>
       <PageHead
         title="Annotate"
-        text="Marks points on images. From the second image on they are proposed, better each time; you drag what is off."
+        text="Mark points on images. From the second image on, the program proposes them and improves with each image. Drag points that are wrong."
       />
       {session.id !== undefined ? (
         <Annotating id={session.id} file={file} onEnd={end} onGone={session.forget} />
       ) : (
         <div class="split">
           <section class="card stack" aria-labelledby="new-annotation">
-            <h2 id="new-annotation">Begin</h2>
+            <h2 id="new-annotation">New annotation</h2>
             {finished && (
               <Notice kind="good">
                 <p>
@@ -113,7 +113,7 @@ export function Annotate() {
             <SetSource
               kind="faces"
               label="Drop images here"
-              help="Faces, hands, cars: anything with points that all images have. A video will do, too."
+              help="Faces, hands, cars: any object with points that all images show. A video also works."
               accept="image/*,video/*"
               onSet={(one, files) => {
                 setSet({ name: one, files });
@@ -127,7 +127,7 @@ export function Annotate() {
                   label="Name of the annotation"
                   value={name}
                   onInput={(text) => setName_(cleanName(text))}
-                  help="An annotation of that name that is there is gone on with."
+                  help="If an annotation with this name exists, it is continued."
                 />
               </>
             )}
@@ -149,14 +149,14 @@ export function Annotate() {
           <section class="stack" aria-labelledby="annotations">
             <h2 id="annotations">Annotations</h2>
             {known.error && <Notice kind="problem">{known.error}</Notice>}
-            {(known.value ?? []).length === 0 && <p class="faint">None yet.</p>}
+            {(known.value ?? []).length === 0 && <p class="faint">No annotations yet.</p>}
             <ul class="plain-list">
               {(known.value ?? []).map((one) => (
                 <li key={one.name} class="stack">
                   <strong class="wrap">{one.name}</strong>
                   <div class="row">
                     <AsyncButton small run={() => start([], one.name)}>
-                      Go on
+                      Continue
                     </AsyncButton>
                     <a href={stateAddress(one.name)} download={one.name}>
                       Download
@@ -167,8 +167,8 @@ export function Annotate() {
               ))}
             </ul>
             <p class="field-help">
-              Every click is in a journal on the server's disk before it is shown. Whatever ends the program,
-              "Go on" brings back all of it.
+              Every click is saved to a journal on the server's disk before it is shown. If the program stops,
+              "Continue" restores all clicks.
             </p>
           </section>
         </div>
@@ -231,10 +231,10 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
           )}
         </div>
         <LiveStatus id={props.id} />
-        {state.images > 0 && <Progress label="Images agreed" done={state.done} total={state.images} />}
+        {state.images > 0 && <Progress label="Confirmed images" done={state.done} total={state.images} />}
         <div class="row">
           <Button kind="main" onClick={() => send('go-on')}>
-            It is right, go on
+            Confirm and continue
           </Button>
           <Button onClick={() => send('undo')}>Undo</Button>
           <Button onClick={() => send('redo')}>Redo</Button>
@@ -244,15 +244,16 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
         </div>
         {ended && (
           <Notice kind={ended.error ? 'problem' : 'info'}>
-            {ended.error ?? 'The session has ended.'} Nothing is lost: "Go on" takes it up again.
+            {ended.error ?? 'The session has ended.'} No work is lost: "Continue" resumes it.
           </Notice>
         )}
       </div>
       <div class="stack">
         <section class="card stack" aria-labelledby="by-keys">
-          <h2 id="by-keys">Place points by keys</h2>
+          <h2 id="by-keys">Place points with the keyboard</h2>
           <p class="field-help" id="by-keys-help">
-            Focus the pad. Arrows move the cross, with Shift ten times as far. Enter or Space clicks there.
+            Focus the field below. The arrow keys move the cross, with Shift ten times as far. Enter or Space
+            clicks at the cross.
           </p>
           <div
             class="pad"
@@ -275,12 +276,12 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
         </section>
         <section class="card stack" aria-labelledby="points">
           <h2 id="points">
-            Points: {state.shown} of {state.points} seen
+            Points: {state.shown} of {state.points} visible
           </h2>
           {state.points > 0 && (
             <>
               <Select
-                label="Chosen point"
+                label="Selected point"
                 value={String(state.selected)}
                 options={[
                   { value: '-1', label: 'none' },
@@ -292,7 +293,7 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
                 onChange={(value) => {
                   if (Number(value) >= 0) chooseText(Number(value));
                 }}
-                help="Arrow keys on the image move it; Shift: further."
+                help="The arrow keys move it on the image, with Shift further."
               />
               <div class="row">
                 <Button small onClick={() => sendEvent(props.id, { key: 9 })}>
@@ -327,8 +328,8 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
           )}
           <p class="faint">
             Image {state.image + 1} of {state.images}
-            {state.agreed ? ', agreed' : ', not agreed yet'}
-            {state.learning ? ', learning' : ''}
+            {state.agreed ? ', confirmed' : ', not confirmed'}
+            {state.learning ? ', training' : ''}
           </p>
           <div class="row">
             <Button small onClick={() => send('previous')}>
@@ -343,10 +344,10 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
           </div>
         </section>
         <details>
-          <summary>View and more</summary>
+          <summary>View and other actions</summary>
           <SessionActions
             id={props.id}
-            label="View and more"
+            label="View and other actions"
             without={[
               'go-on',
               'undo',
@@ -363,8 +364,7 @@ function Annotating(props: { id: string; file: string; onEnd: () => Promise<void
           />
         </details>
         <p class="field-help">
-          {props.file !== '' ? `Kept in ${props.file}. ` : ''}Every click is in the journal before it is
-          shown.
+          {props.file !== '' ? `Saved in ${props.file}. ` : ''}Every click is saved before it is shown.
         </p>
       </div>
     </div>

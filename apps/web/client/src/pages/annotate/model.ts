@@ -5,31 +5,31 @@ export const stages: readonly { name: string; action: string; title: string; tex
     name: 'pick',
     action: 'stage-pick',
     title: 'Frames',
-    text: 'Take frames of the video: "pick" takes the one that is shown.',
+    text: 'Select frames of the video: "pick" selects the current frame.',
   },
   {
     name: 'points',
     action: 'stage-points',
     title: 'Points',
-    text: 'Click each point on the first image, in the order in which you want to number them.',
+    text: 'Click each point on the first image, in the order of the point numbers.',
   },
   {
     name: 'connections',
     action: 'stage-connections',
     title: 'Lines',
-    text: 'Click two points to draw a line between them; again to take it away. Lines help the eye, nothing else.',
+    text: 'Click two points to draw a line between them. Click them again to remove it. Lines are only a visual aid.',
   },
   {
     name: 'symmetry',
     action: 'stage-symmetry',
-    title: 'Mirror images',
-    text: 'Click two points that are each other in the mirror, like the corners of the eyes. A point in the middle is its own.',
+    title: 'Mirrored points',
+    text: 'Click two points that mirror each other, such as the outer corners of the eyes. A point on the symmetry axis mirrors itself.',
   },
   {
     name: 'images',
     action: 'stage-images',
     title: 'All images',
-    text: 'Points are proposed. Drag what is off, then "it is right". Proposals get better with each image.',
+    text: 'The program proposes points. Drag points that are wrong, then choose "Confirm and continue". Proposals improve with each image.',
   },
 ];
 

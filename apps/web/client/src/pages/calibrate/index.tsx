@@ -35,7 +35,7 @@ const synthetic = { id: 'synth:board?live=1', name: 'Synthetic board' };
 const tabs = [
   { id: 'print', label: '1. Print a board' },
   { id: 'live', label: '2. Show it to the camera' },
-  { id: 'photos', label: 'Or: from images' },
+  { id: 'photos', label: 'Or use images' },
 ];
 
 export function Calibrate() {
@@ -51,7 +51,7 @@ export function Calibrate() {
     <div class="fields">
       <Select label="Board" value={board} options={[...boards]} onChange={setBoard} />
       <TextField
-        label="Side of a square, mm"
+        label="Square size, mm"
         type="number"
         min={1}
         max={1000}
@@ -59,7 +59,7 @@ export function Calibrate() {
         value={square}
         onInput={setSquare}
         problem={problem}
-        help="Of dots: from one to the next. It sets the unit of distances; the lens is the same for any."
+        help="For a circle grid: the distance of neighbouring circles. It sets the scale of distances and does not change the lens parameters."
       />
     </div>
   );
@@ -67,7 +67,7 @@ export function Calibrate() {
     <>
       <PageHead
         title="Calibrate"
-        text="Finds focal length, middle and distortion of a camera from views of a printed board. Reconstruct, pose and markers use it."
+        text="Computes focal length, principal point and distortion of a camera from views of a printed board. Reconstruction, head pose and markers use the result."
       />
       <Tabs label="Calibrate" tabs={tabs} value={tab} onChange={setTab}>
         {tab === 'print' && (
@@ -150,9 +150,9 @@ function Print(props: PartProps & { onNext: () => void }) {
             if (one) setStarted(one.id);
           }}
         >
-          Make the sheet
+          Create the sheet
         </AsyncButton>
-        <Button onClick={props.onNext}>I have one: go on</Button>
+        <Button onClick={props.onNext}>I have a board: continue</Button>
       </div>
       {job && job.state !== 'done' && <JobCard job={job} />}
       {job?.state === 'done' && file && (
@@ -163,12 +163,12 @@ function Print(props: PartProps & { onNext: () => void }) {
             </a>
           </p>
           <p>
-            Print it at 100 %, without fitting to the page. The line of 10 cm on the sheet must measure 10 cm.
-            Glue it to something flat.
+            Print it at 100 %, without fitting to the page. The 10 cm line on the sheet must measure 10 cm.
+            Glue the sheet to a flat surface.
           </p>
         </Notice>
       )}
-      <p class="field-help">Before a synthetic camera no print is needed: it holds the board 9 x 6 itself.</p>
+      <p class="field-help">The synthetic camera needs no print: it shows the 9 x 6 board.</p>
     </section>
   );
 }
@@ -211,25 +211,25 @@ function Live(props: PartProps & { session: ReturnType<typeof useAreaSession> })
       <div class="split split-wide">
         <SessionPanel
           id={session.id}
-          title="The board before the camera"
-          end="Finish and keep the camera"
+          title="The board in front of the camera"
+          end="Finish and save the camera"
           onEnd={finish}
         />
         <div class="stack">
-          <Progress label="Covered" done={Math.round(100 * coverage)} total={100} />
+          <Progress label="Coverage" done={Math.round(100 * coverage)} total={100} />
           <StateList
             state={state}
             names={{
-              views: 'Views taken',
-              verdict: 'Now',
+              views: 'Accepted views',
+              verdict: 'Status',
               rms: 'Error, px',
               fx: 'Focal length, px',
-              refusal: 'Not yet because',
+              refusal: 'Why not accepted',
             }}
           />
           {missing.length > 0 && (
             <section aria-labelledby="missing">
-              <h3 id="missing">Show</h3>
+              <h3 id="missing">Still needed</h3>
               <ul aria-live="polite">
                 {missing.slice(0, 5).map((one) => (
                   <li key={one}>{one}</li>
@@ -252,7 +252,9 @@ function Live(props: PartProps & { session: ReturnType<typeof useAreaSession> })
             />
           )}
           {views < 10 && (
-            <p class="field-help">Ten to twenty views, tilted to all sides, in all parts of the image.</p>
+            <p class="field-help">
+              Take 10 to 20 views, tilted in all directions, in all parts of the image.
+            </p>
           )}
         </div>
       </div>
@@ -264,7 +266,7 @@ function Live(props: PartProps & { session: ReturnType<typeof useAreaSession> })
       {written !== null && (
         <Notice kind="good">
           <p>
-            The camera is kept as{' '}
+            The camera is saved as{' '}
             <a href={`/api/state/${encodeURIComponent(written)}`} download={written}>
               {written}
             </a>
@@ -281,8 +283,8 @@ function Live(props: PartProps & { session: ReturnType<typeof useAreaSession> })
       <SourceSelect label="Camera" value={source} own={synthetic} onChange={setSource} />
       <TextField label="Name of the camera file" value={name} onInput={setName} />
       <p>
-        Move the board slowly; views are taken by themselves when it is still, sharp and shows something new.
-        Tilt it by 20 to 45 degrees, and show it in the corners, too.
+        Move the board slowly. A view is accepted automatically when the board is still, sharp and in a new
+        pose. Tilt the board by 20 to 45 degrees, and show it in the corners of the image too.
       </p>
       <div class="row">
         <AsyncButton kind="main" disabled={!props.good} run={() => start(source)}>
@@ -325,7 +327,7 @@ function Photos(props: PartProps) {
         <SetSource
           kind="board"
           label="Drop images of the board"
-          help="Ten to twenty, all from the same camera, with the same focus and zoom. A video will do, too."
+          help="10 to 20 images from the same camera, with the same focus and zoom. A video also works."
           accept="image/*,video/*"
           onSet={(name, files) => setSet({ name, files })}
         />
@@ -334,7 +336,7 @@ function Photos(props: PartProps) {
           label="Lens"
           value={lens}
           options={[
-            { value: 'pinhole', label: 'Ordinary (pinhole)' },
+            { value: 'pinhole', label: 'Standard (pinhole)' },
             { value: 'rational', label: 'Wide (rational)' },
             { value: 'fisheye', label: 'Fisheye, more than 100 degrees' },
           ]}
@@ -375,32 +377,32 @@ function Result(props: { id: string; lines: Json[]; files: string[] }) {
   const drawn = props.files.filter((one) => one.startsWith('drawn/') && !one.endsWith('coverage.png'));
   return (
     <section class="stack" aria-labelledby="camera">
-      <h2 id="camera">The camera</h2>
+      <h2 id="camera">Calibrated camera</h2>
       {line && (
         <>
           <p class="numbers">
-            Error {line.rms.toFixed(3)} px, {line.used} of {line.images} images used,{' '}
+            Reprojection error {line.rms.toFixed(3)} px, {line.used} of {line.images} images used,{' '}
             {Math.round(100 * line.coverage)} % of the image covered
           </p>
-          {[...(line.warnings ?? []), ...(line.missing ?? []).map((one) => `Still to be shown: ${one}`)]
-            .length > 0 && (
+          {[...(line.warnings ?? []), ...(line.missing ?? []).map((one) => `Still needed: ${one}`)].length >
+            0 && (
             <Notice>
               <ul>
                 {(line.warnings ?? []).map((one) => (
                   <li key={one}>{one}</li>
                 ))}
                 {(line.missing ?? []).map((one) => (
-                  <li key={one}>Still to be shown: {one}</li>
+                  <li key={one}>Still needed: {one}</li>
                 ))}
               </ul>
             </Notice>
           )}
           <Table
-            caption="The camera in numbers"
+            caption="Camera parameters"
             columns={[
-              { name: 'What', show: (one) => one.name },
+              { name: 'Parameter', show: (one) => one.name },
               { name: 'Value', show: (one) => one.value, number: true },
-              { name: 'Deviation', show: (one) => one.deviation, number: true },
+              { name: 'Standard deviation', show: (one) => one.deviation, number: true },
             ]}
             rows={cameraRows(line)}
             keyOf={(one) => one.name}
@@ -450,14 +452,14 @@ function Result(props: { id: string; lines: Json[]; files: string[] }) {
         <figure class="image">
           <img
             src={api.jobFileAddress(props.id, 'drawn/coverage.png')}
-            alt="What the views cover of the image"
+            alt="Image area covered by the views"
           />
-          <figcaption>What the views cover</figcaption>
+          <figcaption>Image area covered by the views</figcaption>
         </figure>
       )}
       {drawn.length > 0 && (
         <details>
-          <summary>Views with their corners; in red what the camera leaves, 20 times enlarged</summary>
+          <summary>Views with detected corners; residuals in red, enlarged 20 times</summary>
           <ul class="thumbs">
             {drawn.slice(0, 24).map((one) => (
               <li key={one}>

@@ -21,11 +21,11 @@ export interface CameraLine {
 }
 
 export const boards: readonly { value: string; label: string }[] = [
-  { value: 'chess:9x6', label: 'Chess board, 9 x 6 inner corners' },
-  { value: 'chess:7x5', label: 'Chess board, 7 x 5 inner corners' },
-  { value: 'charuco:5x7:6x6_250', label: 'Chess board with markers, 5 x 7 (a part of it is enough)' },
-  { value: 'circles:4x11', label: 'Dots in shifted rows, 4 x 11' },
-  { value: 'circles-grid:7x6', label: 'Dots in straight rows, 7 x 6' },
+  { value: 'chess:9x6', label: 'Chessboard, 9 x 6 inner corners' },
+  { value: 'chess:7x5', label: 'Chessboard, 7 x 5 inner corners' },
+  { value: 'charuco:5x7:6x6_250', label: 'ChArUco board, 5 x 7 (may be partly visible)' },
+  { value: 'circles:4x11', label: 'Asymmetric circle grid, 4 x 11' },
+  { value: 'circles-grid:7x6', label: 'Symmetric circle grid, 7 x 6' },
 ];
 
 // Rows for people: value and how sure it is.
@@ -40,8 +40,8 @@ export function cameraRows(line: CameraLine): { name: string; value: string; dev
   return [
     row('Focal length x, px', line.fx, line.deviations?.fx, 2),
     row('Focal length y, px', line.fy, line.deviations?.fy, 2),
-    row('Middle x, px', line.cx, line.deviations?.cx, 2),
-    row('Middle y, px', line.cy, line.deviations?.cy, 2),
+    row('Principal point x, px', line.cx, line.deviations?.cx, 2),
+    row('Principal point y, px', line.cy, line.deviations?.cy, 2),
     ...line.distortion.map((value, i) =>
       row(`Distortion ${names[i] ?? i + 1}`, value, line.deviations?.distortion?.[i], 5),
     ),
@@ -74,7 +74,7 @@ export function viewOf(row: Record<string, string>): View {
 // A length like 25 mm, as the program takes it; a problem otherwise.
 export function squareProblem(text: string): string {
   const value = Number(text);
-  if (!(value >= 1 && value <= 1000)) return 'From 1 to 1000 millimetres.';
+  if (!(value >= 1 && value <= 1000)) return 'Enter a value from 1 to 1000 mm.';
   return '';
 }
 

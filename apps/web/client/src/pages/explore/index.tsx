@@ -58,11 +58,11 @@ export function Explore() {
   const isAppearance = what === 'appearance';
   const models = isAppearance
     ? [
-        { value: '', label: 'The face model that ships' },
+        { value: '', label: 'Shipped face model' },
         ...(files.value ?? []).filter((one) => one.verb === 'aam train'),
       ]
     : [
-        { value: '', label: 'The tracker of 68 points that ships' },
+        { value: '', label: 'Shipped 68-point tracker' },
         ...(files.value ?? []).filter((one) => one.verb !== 'aam train'),
         ...(sets.value ?? []).map((one) => ({ value: `ws:${one.name}`, label: `Annotation ${one.name}` })),
       ];
@@ -73,34 +73,34 @@ export function Explore() {
   };
   return (
     <>
-      <PageHead title="Explore" text="Move the sliders of a model and see what each of them means." />
+      <PageHead title="Explore" text="Move the sliders of a model to see the effect of each parameter." />
       {session.id !== undefined ? (
         <Exploring id={session.id} onEnd={session.end} />
       ) : (
         <section class="card stack" aria-labelledby="what-to-explore">
-          <h2 id="what-to-explore">What to explore</h2>
+          <h2 id="what-to-explore">Model to explore</h2>
           <Select
-            label="Model of"
+            label="Kind"
             value={what}
             options={[
-              { value: 'appearance', label: 'appearance: how faces look and vary' },
-              { value: 'points', label: 'points: what the tracker sees around each' },
+              { value: 'appearance', label: 'appearance: shape and texture of a face' },
+              { value: 'points', label: 'points: what the tracker expects around each point' },
             ]}
             onChange={(value) => {
               setWhat(value);
               setModel('');
             }}
           />
-          <Select label="File" value={model} options={models} onChange={setModel} />
+          <Select label="Model" value={model} options={models} onChange={setModel} />
           <Select
-            label="On an image"
+            label="Image"
             value={on}
             options={[
-              { value: '', label: 'on none' },
+              { value: '', label: 'none' },
               ...(images.value ?? []).map((one) => ({ value: one, label: one.replace(/^set:/, '') })),
             ]}
             onChange={setOn}
-            help="The model is fitted to the face of the image; sliders then change that face."
+            help="The model is fitted to the face in the image. The sliders then change that face."
           />
           <SetSource
             kind="explore"
@@ -117,7 +117,7 @@ export function Explore() {
             </AsyncButton>
             <AsyncButton run={() => start('')}>Try with synthetic data</AsyncButton>
           </div>
-          <p class="field-help">Without an image the model draws faces that nobody has.</p>
+          <p class="field-help">Without an image the model draws synthetic faces.</p>
         </section>
       )}
     </>
@@ -129,7 +129,7 @@ function Exploring(props: { id: string; onEnd: () => Promise<void> }) {
   const response = typeof state.response === 'number' ? state.response : null;
   return (
     <div class="split split-wide exploring">
-      <SessionPanel id={props.id} title="What the model draws" onEnd={props.onEnd} />
+      <SessionPanel id={props.id} title="Image drawn by the model" onEnd={props.onEnd} />
       <div class="stack">
         <SessionActions id={props.id} label="Actions" without={['quit', 'help', 'pause', 'fullscreen']} />
         <SessionSliders id={props.id} />
@@ -145,7 +145,7 @@ function Exploring(props: { id: string; onEnd: () => Promise<void> }) {
             Patch {state.patch + 1} of {state.patches}
           </p>
         )}
-        {response !== null && <p class="numbers">Response at the best place: {response.toFixed(3)}</p>}
+        {response !== null && <p class="numbers">Response at the best position: {response.toFixed(3)}</p>}
       </div>
     </div>
   );

@@ -5,7 +5,7 @@ import { AsyncButton, Button, Checkbox, FileDrop, Notice, Progress, Table, TextF
 import { attempt } from '../../ui/toast';
 import { setName, uploadAll } from '../shared/files';
 import { drawnNames, drawnPeople } from './drawn';
-import { nameProblem, shotOf, type Person, type Shot } from './model';
+import { nameProblem, enrolResultOf, type Person, type EnrolResult } from './model';
 
 type Step = 'who' | 'images' | 'done';
 
@@ -24,7 +24,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
   const [tidy, setTidy] = useState(true);
   const [source, setSource] = useState<Source | null>(null);
   const [uploading, setUploading] = useState<{ done: number; total: number } | null>(null);
-  const [shots, setShots] = useState<Shot[]>([]);
+  const [shots, setShots] = useState<EnrolResult[]>([]);
   const [working, setWorking] = useState<{ done: number; total: number } | null>(null);
   const [drawing, setDrawing] = useState(false);
   const head = useRef<HTMLHeadingElement>(null);
@@ -54,7 +54,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
 
   const enrol = async () => {
     if (!source) return;
-    const results: Shot[] = [];
+    const results: EnrolResult[] = [];
     setWorking({ done: 0, total: source.references.length });
     // One image at a time, so that each has its own answer.
     for (const one of source.references) {
@@ -66,17 +66,17 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
         }),
       );
       results.push(
-        shotOf(
+        enrolResultOf(
           one.name,
           answer?.lines[answer.lines.length - 1],
-          answer?.error ?? 'the server did not answer',
+          answer?.error ?? 'the server did not respond',
         ),
       );
       setShots([...results]);
       setWorking({ done: results.length, total: source.references.length });
     }
     setWorking(null);
-    if (tidy && source.set !== null && results.some((one) => one.taken)) {
+    if (tidy && source.set !== null && results.some((one) => one.accepted)) {
       await attempt(() => api.removeSet(source.set!));
     }
     props.onEnrolled();
@@ -88,7 +88,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
     await attempt(async () => {
       const two = await drawnPeople();
       setName_(drawnNames[person]);
-      setNote('A synthetic head: nobody has this face.');
+      setNote('A synthetic head, not a real person.');
       setAgreed(true);
       setSource({
         set: null,
@@ -111,53 +111,53 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
     setStep('who');
   };
 
-  const taken = shots.filter((one) => one.taken).length;
+  const acceptedCount = shots.filter((one) => one.accepted).length;
   return (
     <div class="stack wizard">
       <ol class="steps" aria-label="Steps">
         {(['who', 'images', 'done'] as Step[]).map((one, i) => (
           <li key={one} aria-current={one === step ? 'step' : undefined}>
-            {i + 1}. {['Who, and what was agreed', 'Images', 'Done'][i]}
+            {i + 1}. {['Person and consent', 'Images', 'Done'][i]}
           </li>
         ))}
       </ol>
       {step === 'who' && (
         <section class="card stack" aria-labelledby="step-who">
           <h2 id="step-who" tabIndex={-1} ref={head}>
-            Who, and what was agreed
+            Person and consent
           </h2>
           <Notice>
             <p>
-              A template made of a face is biometric data. Ask the person first, say what it is for and how
-              long it is kept, and write down what was agreed. You can show people what you hold of them, and
-              forget them at any time.
+              A face template is biometric data. Ask the person first, explain the purpose and how long the
+              data is stored, and record the consent. You can show people the data that you store about them,
+              and delete it at any time.
             </p>
             <p>
-              This is no lock: a print held before the camera is the person to it, and it is wrong at a rate.
+              Do not use it for access control: a printed image of the person is accepted, and errors occur.
             </p>
           </Notice>
           <TextField label="Name" value={name} onInput={setName_} problem={problem} required />
           {known && (
             <p class="field-help">
-              {known.name} is enrolled with {known.faces} faces; further faces are added.
+              {known.name} is enrolled with {known.faces} faces; new faces are added to them.
             </p>
           )}
           <TextField
-            label="What was agreed"
+            label="Consent"
             value={note}
             onInput={setNote}
-            placeholder="agreed on 1 May: door camera, until she moves out"
+            placeholder="consent of 1 May: door camera, until 31 December"
             required
           />
-          <Checkbox label="This person has agreed" checked={agreed} onChange={setAgreed} />
+          <Checkbox label="This person has given consent" checked={agreed} onChange={setAgreed} />
           <div class="row row-end">
             <Button kind="main" disabled={!ready} onClick={() => setStep('images')}>
               Next: images
             </Button>
           </div>
           <hr />
-          <h3>Nobody to ask?</h3>
-          <p class="field-help">Two synthetic people, whom nobody is:</p>
+          <h3>Nobody available?</h3>
+          <p class="field-help">Use two synthetic people:</p>
           <div class="row">
             {drawnNames.map((one, i) => (
               <Button key={one} busy={drawing} onClick={() => void drawn(i as 0 | 1)}>
@@ -173,12 +173,12 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
             Images of {name.trim()}
           </h2>
           <p>
-            Five to ten images: from the front, turned a little to each side, up and down, in the light in
-            which the person is to be known.
+            Use five to ten images: from the front, turned slightly to each side, up and down, in the lighting
+            of later use.
           </p>
           <FileDrop
             label="Images"
-            help="JPEG or PNG. On a phone this opens the camera, too."
+            help="JPEG or PNG. A phone can also open its camera here."
             accept="image/*"
             multiple
             disabled={uploading !== null || working !== null}
@@ -195,8 +195,8 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
                   <img src={thumb(one.reference)} alt="" width={120} height={90} loading="lazy" />
                   <span>{one.name}</span>
                   {shots[i] && (
-                    <span class={shots[i].taken ? 'chip chip-good' : 'chip chip-bad'}>
-                      {shots[i].taken ? 'taken' : 'not taken'}
+                    <span class={shots[i].accepted ? 'chip chip-good' : 'chip chip-bad'}>
+                      {shots[i].accepted ? 'accepted' : 'rejected'}
                     </span>
                   )}
                 </li>
@@ -204,10 +204,10 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
             </ul>
           )}
           <Checkbox
-            label="Take also faces of poor quality"
+            label="Accept faces of poor quality"
             checked={anyQuality}
             onChange={setAnyQuality}
-            help="Small, blurred, turned, dark. Better is one more good image."
+            help="Small, blurred, turned or dark faces. One more good image is better."
           />
           {source?.set && (
             <Checkbox
@@ -234,29 +234,31 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
       {step === 'done' && (
         <section class="card stack" aria-labelledby="step-done">
           <h2 id="step-done" tabIndex={-1} ref={head}>
-            {name.trim()}: {taken} of {shots.length} images were taken
+            {name.trim()}: {acceptedCount} of {shots.length} images were accepted
           </h2>
-          {taken === 0 && (
-            <Notice kind="problem">No face was good enough. The table says why, and what helps.</Notice>
+          {acceptedCount === 0 && (
+            <Notice kind="problem">
+              No face was good enough. The table gives the reason for each image and what to change.
+            </Notice>
           )}
-          {taken > 0 && taken < 5 && (
-            <Notice>Five or more make a better template. Add some when you can.</Notice>
+          {acceptedCount > 0 && acceptedCount < 5 && (
+            <Notice>Five or more images make a better template. Add more when you can.</Notice>
           )}
           <Table
-            caption="What became of each image"
+            caption="Result of each image"
             stacks
             columns={[
               { name: 'Image', show: (one) => one.name },
-              { name: 'Taken', show: (one) => (one.taken ? 'yes' : 'no') },
-              { name: 'Why not', show: (one) => one.reason || '–' },
+              { name: 'Accepted', show: (one) => (one.accepted ? 'yes' : 'no') },
+              { name: 'Reason', show: (one) => one.reason || '–' },
             ]}
             rows={shots}
             keyOf={(_, i) => i}
           />
           <div class="row row-end">
-            <Button onClick={again}>Add another person</Button>
+            <Button onClick={again}>Enrol another person</Button>
             <Button kind="main" onClick={props.onNext}>
-              Try it: who is this?
+              Identify a face
             </Button>
           </div>
         </section>
@@ -290,7 +292,7 @@ function Camera(props: { onShot: (image: Blob, n: number) => void }) {
     setProblem('');
     if (!navigator.mediaDevices) {
       setProblem(
-        'The browser gives its camera only on this machine itself, or over https (tarsier serve --tls-self-signed).',
+        'The browser allows the camera only on the studio’s machine, or over https (tarsier serve --tls-self-signed).',
       );
       return;
     }
@@ -304,7 +306,7 @@ function Camera(props: { onShot: (image: Blob, n: number) => void }) {
         await video.current.play();
       }
     } catch {
-      setProblem('The camera was not allowed, or there is none.');
+      setProblem('Camera access was denied, or this device has no camera.');
     }
   };
   const shoot = () => {
@@ -330,9 +332,9 @@ function Camera(props: { onShot: (image: Blob, n: number) => void }) {
         {on && (
           <>
             <Button kind="main" onClick={shoot}>
-              Take an image
+              Capture an image
             </Button>
-            <Button onClick={stop}>Camera off</Button>
+            <Button onClick={stop}>Turn the camera off</Button>
           </>
         )}
       </div>

@@ -9,7 +9,7 @@ import { blobOfRun } from '../shared/files';
 import { correct } from './correct';
 import { drawnFaceOf, nameProblem, type DrawnFace } from './model';
 
-export type Whose = { person: string } | { group: number };
+export type FaceOwner = { person: string } | { group: number };
 
 const newName = ''; // of the selection of names: somebody who is not enrolled
 
@@ -18,7 +18,7 @@ interface Sheet {
   faces: DrawnFace[];
 }
 
-async function sheetOf(whose: Whose): Promise<Sheet> {
+async function sheetOf(whose: FaceOwner): Promise<Sheet> {
   const draw = { '--draw': 'out:faces.png' };
   const answer = await ('person' in whose
     ? api.run('people list', [], { '--faces': whose.person, ...draw })
@@ -30,7 +30,7 @@ async function sheetOf(whose: Whose): Promise<Sheet> {
 }
 
 export function FacesDialog(props: {
-  whose: Whose;
+  whose: FaceOwner;
   names: readonly string[]; // of all who are enrolled
   onChange: () => void;
   onClose: () => void;
@@ -63,10 +63,10 @@ export function FacesDialog(props: {
     <Dialog title={title} open onClose={props.onClose} wide>
       <div class="stack">
         {sheet.error && <Notice kind="problem">{sheet.error}</Notice>}
-        {!sheet.value && !sheet.error && <Progress label="Reading the faces" done={0} total={0} />}
+        {!sheet.value && !sheet.error && <Progress label="Loading the faces" done={0} total={0} />}
         {faces.length > 0 && (
           <fieldset class="slider-group">
-            <legend>Choose the faces that belong elsewhere</legend>
+            <legend>Select the faces that belong to somebody else</legend>
             <ul class="face-choices">
               {faces.map((one) => (
                 <li key={one.id}>
@@ -82,7 +82,7 @@ export function FacesDialog(props: {
           </fieldset>
         )}
         <p class="numbers" aria-live="polite">
-          {ids.length} of {faces.length} faces are chosen.
+          {ids.length} of {faces.length} faces are selected.
         </p>
         {'person' in whose ? (
           <OfPerson person={whose.person} names={props.names} ids={ids} all={faces.length} change={change} />
@@ -99,11 +99,11 @@ export function FacesDialog(props: {
                 )
               }
             >
-              Make them a group of their own
+              Make a new group of them
             </AsyncButton>
           </div>
         )}
-        <p class="field-help">Each correction can be taken back, under “What was corrected”.</p>
+        <p class="field-help">You can undo each correction under “Corrections”.</p>
       </div>
     </Dialog>
   );
@@ -147,8 +147,8 @@ function OfPerson(props: {
   const [name, setName] = useState('');
   const [whole, setWhole] = useState('');
   const target = to === newName ? name.trim() : to;
-  const taken = to === newName && props.names.includes(target);
-  const problem = taken ? 'This name is enrolled: choose it from the list.' : nameProblem(name);
+  const isEnrolled = to === newName && props.names.includes(target);
+  const problem = isEnrolled ? 'This name is already enrolled: choose it from the list.' : nameProblem(name);
   const into = others.includes(whole) ? whole : (others[0] ?? '');
   const none = ids.length === 0;
   const flags: Flags = { '--face': ids };
@@ -156,11 +156,11 @@ function OfPerson(props: {
     <>
       <div class="row row-fields">
         <Select
-          label="They are faces of"
+          label="Move them to"
           value={to}
           options={[
             ...others.map((one) => ({ value: one, label: one })),
-            { value: newName, label: 'somebody new' },
+            { value: newName, label: 'a new person' },
           ]}
           onChange={setTo}
         />
@@ -195,7 +195,7 @@ function OfPerson(props: {
             )
           }
         >
-          Not {person}: they speak against this name
+          Not {person}: use them as counterexamples
         </AsyncButton>
       </div>
       {others.length > 0 && (
@@ -207,13 +207,13 @@ function OfPerson(props: {
               value={into}
               options={others.map((one) => ({ value: one, label: one }))}
               onChange={setWhole}
-              help="All faces go there. This name goes."
+              help="All faces move to that person. This name is removed."
             />
             <AsyncButton
               run={() =>
                 props.change(
                   () => correct('people correct merge', [person, into]),
-                  `${person} is part of ${into} now.`,
+                  `${person} was merged into ${into}.`,
                   true,
                 )
               }

@@ -2,7 +2,7 @@
 import { useEffect, useState } from 'preact/hooks';
 import { api, type Flags } from '../../api';
 import { useLoad } from '../../hooks';
-import { AsyncButton, Button, Confirm, Dialog, Moment, Select, Table, TextField } from '../../ui';
+import { AsyncButton, Button, Confirm, Dialog, Timestamp, Select, Table, TextField } from '../../ui';
 import { attempt, toast } from '../../ui/toast';
 import { blobOfRun, hasState } from '../shared/files';
 import { correct } from './correct';
@@ -46,8 +46,8 @@ export function Groups(props: { changes: number; onChange: () => void }) {
     <section class="stack" aria-labelledby="groups">
       <h2 id="groups">Unknown faces</h2>
       <p class="field-help">
-        Faces that were seen, while sightings are kept, and that nobody knew: one group, one person. Say who
-        it is, and the best faces are enrolled. Ask that person first.
+        Faces of sightings that match no enrolled person. Each group is one person. Name a group to enrol its
+        best faces. Ask that person first.
       </p>
       <div class="row">
         <AsyncButton
@@ -55,7 +55,7 @@ export function Groups(props: { changes: number; onChange: () => void }) {
             change(async () => {
               const answer = await api.run('people group');
               if (answer.exit > 1) throw new Error(answer.error);
-            }, 'The unknown faces are in groups.')
+            }, 'The unknown faces were grouped.')
           }
         >
           Group unknown faces
@@ -67,11 +67,15 @@ export function Groups(props: { changes: number; onChange: () => void }) {
             if (blob) setImage(URL.createObjectURL(blob));
           }}
         >
-          Show the faces
+          Show faces
         </AsyncButton>
       </div>
       {image !== '' && (
-        <img class="sheet" src={image} alt="The best faces of each group, a row a group, with its number" />
+        <img
+          class="sheet"
+          src={image}
+          alt="The best faces of each group, one row per group, with its number"
+        />
       )}
       <Table
         caption="Groups of unknown faces"
@@ -79,13 +83,13 @@ export function Groups(props: { changes: number; onChange: () => void }) {
         columns={[
           { name: 'Group', show: (one) => one.group, number: true },
           {
-            name: 'Seen',
+            name: 'Sightings',
             show: (one) => (one.sightings === 1 ? 'once' : `${one.sightings} times`),
             number: true,
           },
-          { name: 'Last', show: (one) => <Moment at={one.last} /> },
+          { name: 'Last seen', show: (one) => <Timestamp at={one.last} /> },
           {
-            name: 'Change',
+            name: 'Actions',
             show: (one) => (
               <div class="row">
                 <Button small aria-label={`Name group ${one.group}`} onClick={() => setNaming(one)}>
@@ -131,7 +135,7 @@ export function Groups(props: { changes: number; onChange: () => void }) {
       )}
       <Confirm
         title={`Forget group ${forgetting?.group ?? ''}?`}
-        text="All sightings of this group and their faces are removed for good."
+        text="All sightings of this group and their faces are deleted permanently."
         yes="Forget"
         open={forgetting !== null}
         onYes={() => {
@@ -140,7 +144,7 @@ export function Groups(props: { changes: number; onChange: () => void }) {
           if (one)
             void change(
               () => correct('people forget', [], { '--group': one.group }),
-              `Group ${one.group} is forgotten.`,
+              `Group ${one.group} was forgotten.`,
             );
         }}
         onClose={() => setForgetting(null)}
@@ -164,15 +168,10 @@ function Naming(props: {
   const problem = nameProblem(name);
   const id = props.group.group;
   return (
-    <Dialog title={`Who is group ${id}?`} open onClose={props.onClose}>
+    <Dialog title={`Name group ${id}`} open onClose={props.onClose}>
       <div class="stack">
         <TextField label="Name" value={name} onInput={setName} problem={problem} />
-        <TextField
-          label="What was agreed"
-          value={note}
-          onInput={setNote}
-          help="Who agreed to what, and when."
-        />
+        <TextField label="Consent" value={note} onInput={setNote} help="Who consented to what, and when." />
         <div class="row row-end">
           <AsyncButton
             kind="main"
@@ -205,7 +204,7 @@ function Naming(props: {
               run={async () => {
                 await props.change(
                   () => correct('people correct merge', [String(id), other], { '--groups': true }),
-                  `Group ${id} is part of group ${other} now.`,
+                  `Group ${id} was merged into group ${other}.`,
                 );
                 props.onClose();
               }}
@@ -227,16 +226,16 @@ export function Corrections(props: { changes: number; onChange: () => void }) {
   }, [props.changes]);
   return (
     <section class="stack" aria-labelledby="corrections">
-      <h2 id="corrections">What was corrected</h2>
+      <h2 id="corrections">Corrections</h2>
       <Table
-        caption="The last corrections"
+        caption="Latest corrections"
         hideCaption
         columns={[
-          { name: 'When', show: (one) => <Moment at={one.time} /> },
-          { name: 'Who', show: (one) => one.who },
-          { name: 'What', show: (one) => <span class="wrap">{correctionText(one)}</span> },
+          { name: 'Time', show: (one) => <Timestamp at={one.time} /> },
+          { name: 'Author', show: (one) => one.who },
+          { name: 'Correction', show: (one) => <span class="wrap">{correctionText(one)}</span> },
           {
-            name: 'Take back',
+            name: 'Undo',
             show: (one) =>
               one.undone || one.what === 'undo' ? (
                 ''
@@ -247,7 +246,7 @@ export function Corrections(props: { changes: number; onChange: () => void }) {
                   run={async () => {
                     await attempt(async () => {
                       await correct('people correct undo', [String(one.correction)]);
-                      toast('It is taken back.', 'good');
+                      toast('The correction was undone.', 'good');
                       props.onChange();
                     });
                   }}
@@ -259,7 +258,7 @@ export function Corrections(props: { changes: number; onChange: () => void }) {
         ]}
         rows={log.value ?? []}
         keyOf={(one) => one.correction}
-        empty="Nothing was corrected."
+        empty="No corrections yet."
       />
     </section>
   );

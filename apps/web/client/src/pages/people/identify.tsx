@@ -5,12 +5,12 @@ import { Button, FileDrop, Notice, Table } from '../../ui';
 import { attempt } from '../../ui/toast';
 import { addressOf } from '../shared/files';
 import { drawnPeople } from './drawn';
-import { namedOf, type Named, type Person } from './model';
+import { identifiedFacesOf, type IdentifiedFace, type Person } from './model';
 
 interface Answer {
   image: string; // address
   name: string;
-  faces: Named[];
+  faces: IdentifiedFace[];
 }
 
 export function Identify({ people }: { people: Person[] }) {
@@ -37,7 +37,7 @@ export function Identify({ people }: { people: Person[] }) {
         type: file.type || 'image/jpeg',
       });
       const line = (await response.json()) as Json;
-      return { image: URL.createObjectURL(file), name: file.name, faces: namedOf(line) };
+      return { image: URL.createObjectURL(file), name: file.name, faces: identifiedFacesOf(line) };
     });
   const drawn = () =>
     ask(async () => {
@@ -47,11 +47,11 @@ export function Identify({ people }: { people: Person[] }) {
       const reference = `job:${two.job}/${file}`;
       const run = await api.run('people identify', [reference]);
       const line = run.lines[0];
-      if (line === undefined) throw new Error(run.error || 'The program gave no answer.');
+      if (line === undefined) throw new Error(run.error || 'The program returned no result.');
       return {
         image: addressOf(reference) ?? '',
         name: file.split('/').pop() ?? file,
-        faces: namedOf(line),
+        faces: identifiedFacesOf(line),
       };
     });
   return (
@@ -59,7 +59,7 @@ export function Identify({ people }: { people: Person[] }) {
       {people.length === 0 && <Notice>Nobody is enrolled yet: every face will be unknown.</Notice>}
       <FileDrop
         label="An image"
-        help="It is looked at and not kept."
+        help="The image is analysed and not stored."
         accept="image/*"
         disabled={busy}
         onFiles={(files) => void photo(files[0]!)}
@@ -77,9 +77,9 @@ export function Identify({ people }: { people: Person[] }) {
 function Faces({ answer }: { answer: Answer }) {
   const [size, setSize] = useState<{ w: number; h: number } | null>(null);
   const { faces } = answer;
-  const said = (one: Named) => (one.known && one.label !== null ? one.label : 'unknown');
+  const said = (one: IdentifiedFace) => (one.known && one.label !== null ? one.label : 'unknown');
   return (
-    <section class="stack" aria-live="polite" aria-label="Who is on it">
+    <section class="stack" aria-live="polite" aria-label="Result">
       <h2>
         {faces.length === 0
           ? 'No face was found'
@@ -113,10 +113,10 @@ function Faces({ answer }: { answer: Answer }) {
       <Table
         caption="Faces"
         columns={[
-          { name: 'Who', show: said },
-          { name: 'Sure', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
+          { name: 'Person', show: said },
+          { name: 'Confidence', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
           { name: 'Nearest', show: (one) => one.label ?? '' },
-          { name: 'Where, px', show: (one) => one.box.join(', '), number: true },
+          { name: 'Box, px', show: (one) => one.box.join(', '), number: true },
         ]}
         rows={faces}
         keyOf={(_, i) => i}

@@ -9,7 +9,7 @@ import {
   Confirm,
   Dialog,
   JobCard,
-  Moment,
+  Timestamp,
   Notice,
   PageHead,
   Select,
@@ -29,8 +29,8 @@ import { personOf, proofOf, sightingOf, type Person, type Proof } from './model'
 
 const tabs = [
   { id: 'gallery', label: 'Gallery' },
-  { id: 'add', label: 'Add a person' },
-  { id: 'who', label: 'Who is this?' },
+  { id: 'add', label: 'Enrol a person' },
+  { id: 'who', label: 'Identify' },
   { id: 'live', label: 'Live' },
 ];
 
@@ -45,7 +45,7 @@ export function People() {
     <>
       <PageHead
         title="People"
-        text="Enrols faces, names them again or says unknown, and forgets for good. All of it stays on this machine."
+        text="Enrols people, identifies their faces or reports them as unknown, and deletes their data permanently. All data stays on this machine."
       />
       <Tabs label="People" tabs={tabs} value={tab} onChange={setTab}>
         {tab === 'gallery' && (
@@ -106,17 +106,17 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
     <div class="stack">
       {props.error && <Notice kind="problem">{props.error}</Notice>}
       <section class="stack" aria-labelledby="enrolled">
-        <h2 id="enrolled">Who is enrolled</h2>
+        <h2 id="enrolled">Enrolled people</h2>
         <Table
           caption="People of the gallery"
           hideCaption
           columns={[
             { name: 'Name', show: (one) => <strong class="wrap">{one.name}</strong> },
             { name: 'Faces', show: (one) => one.faces, number: true },
-            { name: 'Agreed', show: (one) => one.note || 'no note' },
-            { name: 'Since', show: (one) => <Moment at={one.time} /> },
+            { name: 'Consent', show: (one) => one.note || 'no note' },
+            { name: 'Enrolled', show: (one) => <Timestamp at={one.time} /> },
             {
-              name: 'Change',
+              name: 'Actions',
               show: (one) => (
                 <div class="row">
                   <Button small aria-label={`Faces of ${one.name}`} onClick={() => setLooking(one.name)}>
@@ -140,7 +140,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
         />
         <div class="row">
           <Button kind="main" onClick={props.onAdd}>
-            Add a person
+            Enrol a person
           </Button>
           <AsyncButton
             disabled={props.people.length === 0}
@@ -156,36 +156,36 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
               if (started) setExported(started.id);
             }}
           >
-            Export all that is stored
+            Export all stored data
           </AsyncButton>
         </div>
         {job && (
           <>
             <JobCard job={job} onChange={() => setExported(undefined)} />
             <p class="field-help">
-              Remove the export when you have it: a copy on the server is found, and named, when somebody is
-              forgotten.
+              Remove the export from the server after the download. When you forget a person, copies of the
+              data in exports are reported.
             </p>
           </>
         )}
       </section>
       <Groups changes={changes} onChange={changed} />
       <section class="stack" aria-labelledby="sightings">
-        <h2 id="sightings">Who was seen</h2>
+        <h2 id="sightings">Sightings</h2>
         <p class="field-help">
-          Live recognition can keep when it saw whom, with the faces, also of those whom nobody knows. Such a
-          list is personal data, too: keep it no longer than needed.
+          Live recognition can store when each person was seen, with the face, also for unknown people. This
+          list is personal data: keep it no longer than needed.
         </p>
         <Table
-          caption="The last sightings"
+          caption="Latest sightings"
           hideCaption
           columns={[
-            { name: 'When', show: (one) => <Moment at={one!.time} /> },
-            { name: 'Who', show: (one) => (one!.known ? one!.label : 'unknown') },
-            { name: 'Sure', show: (one) => `${(100 * one!.confidence).toFixed(0)} %`, number: true },
+            { name: 'Time', show: (one) => <Timestamp at={one!.time} /> },
+            { name: 'Person', show: (one) => (one!.known ? one!.label : 'unknown') },
+            { name: 'Confidence', show: (one) => `${(100 * one!.confidence).toFixed(0)} %`, number: true },
             { name: 'Source', show: (one) => one!.source },
             {
-              name: 'Wrong?',
+              name: 'Correct',
               show: (one) =>
                 one!.known && one!.face ? (
                   <AsyncButton
@@ -194,7 +194,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
                     run={async () => {
                       await attempt(async () => {
                         await correct('people correct not', [], { '--sighting': one!.id });
-                        toast(`Not ${one!.label}: noted.`, 'good');
+                        toast(`Recorded: not ${one!.label}.`, 'good');
                         changed();
                       });
                     }}
@@ -208,7 +208,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
           ]}
           rows={sightings.value ?? []}
           keyOf={(_, i) => i}
-          empty="No sightings are kept."
+          empty="No sightings are stored."
         />
         <div class="row row-fields">
           <Select
@@ -233,7 +233,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
               });
             }}
           >
-            Delete what is older
+            Delete older sightings
           </AsyncButton>
         </div>
       </section>
@@ -248,7 +248,7 @@ function Gallery(props: { people: Person[]; error: string; again: () => void; on
       )}
       <Confirm
         title={`Forget ${forgetting ?? ''}?`}
-        text="All faces, templates and sightings of this person are removed for good. Then all files of the workspace are searched for what was removed, and you see the proof."
+        text="All faces, templates and sightings of this person are deleted permanently. Then all files of the workspace are searched for the deleted data, and the proof is shown."
         yes="Forget"
         open={forgetting !== null}
         onYes={() => void (forgetting !== null && forget(forgetting))}
@@ -266,23 +266,23 @@ function ProofView({ proof }: { proof: Proof }) {
     <div class="stack">
       {proof.proven ? (
         <Notice kind="good">
-          {proof.name}: {proof.faces} faces and {proof.sightings} sightings were removed. None of them is left
+          {proof.name}: {proof.faces} faces and {proof.sightings} sightings were removed. None of them remains
           in the files of this workspace.
         </Notice>
       ) : (
         <Notice kind="problem">
-          {proof.name} was removed from the gallery, but it is not proven that nothing is left.
+          {proof.name} was removed from the gallery, but it is not proven that no data remains.
         </Notice>
       )}
       <dl class="state-list">
         <div>
-          <dt>Pieces that were looked for</dt>
+          <dt>Data items searched for</dt>
           <dd>
             {proof.pieces_searched} of {proof.pieces}
           </dd>
         </div>
         <div>
-          <dt>Files that were searched</dt>
+          <dt>Files searched</dt>
           <dd>
             {proof.searched.length}, {bytesText(proof.bytes)}
           </dd>
@@ -290,7 +290,7 @@ function ProofView({ proof }: { proof: Proof }) {
       </dl>
       {proof.left_in.length > 0 && (
         <>
-          <p>Pieces are still in these files. Delete them, then look again:</p>
+          <p>Data remains in these files. Delete the files, then search again:</p>
           <ul class="file-list">
             {proof.left_in.map((one) => (
               <li key={one}>{one}</li>
@@ -300,16 +300,16 @@ function ProofView({ proof }: { proof: Proof }) {
       )}
       {proof.unproven > 0 && (
         <p>
-          {proof.unproven} faces or templates could not be looked for: somebody else has the same (
+          {proof.unproven} faces or templates could not be searched for: another person has the same data (
           {proof.shared_with.join(', ')}).
         </p>
       )}
       {[...proof.unread, ...proof.skipped].length > 0 && (
-        <p>Not looked into: {[...proof.unread, ...proof.skipped].slice(0, 20).join(', ')}</p>
+        <p>Files not searched: {[...proof.unread, ...proof.skipped].slice(0, 20).join(', ')}</p>
       )}
       <p class="field-help">
-        Backups and other disks are not part of this. Images that you uploaded show the face in another form:
-        their sets stay until you remove them.
+        Backups and other disks are not searched. Uploaded images show the face in another form: their sets
+        remain until you remove them.
       </p>
       <div class="row row-end">
         <Button

@@ -21,7 +21,7 @@ interface Recognised {
   group?: number | null; // of an unknown face
 }
 
-const whoOf = (one: Recognised) =>
+const personText = (one: Recognised) =>
   one.known && one.label !== null
     ? one.label
     : typeof one.group === 'number'
@@ -63,10 +63,10 @@ export function LivePeople(props: { onChange: () => void }) {
       await adding.start(
         [source],
         filled({ '--names': names.trim(), '--note': note.trim(), '--keep': keep }),
-        'People, live',
+        'Enrol people',
       );
     } else {
-      await naming.start([source], filled({ '--keep': keep }), 'Who is there');
+      await naming.start([source], filled({ '--keep': keep }), 'Identify people');
     }
   };
   if (session.id !== undefined) {
@@ -77,7 +77,7 @@ export function LivePeople(props: { onChange: () => void }) {
       <div class="split">
         <SessionPanel
           id={session.id}
-          title="People before the camera"
+          title="People in front of the camera"
           onEnd={async () => {
             await session.end();
             props.onChange();
@@ -108,10 +108,10 @@ export function LivePeople(props: { onChange: () => void }) {
           />
           {faces.length > 0 && (
             <Table
-              caption="Who is there"
+              caption="Identified people"
               columns={[
-                { name: 'Who', show: whoOf },
-                { name: 'Sure', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
+                { name: 'Person', show: personText },
+                { name: 'Confidence', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
               ]}
               rows={faces}
               keyOf={(_, i) => i}
@@ -124,22 +124,22 @@ export function LivePeople(props: { onChange: () => void }) {
   const ready = mode === 'identify' || (agreed && note.trim() !== '');
   return (
     <section class="card stack" aria-labelledby="live-people">
-      <h2 id="live-people">Before a camera</h2>
+      <h2 id="live-people">Live camera</h2>
       <SourceSelect label="Source" value={source} own={portrait} onChange={setSource} />
       <Select
         label="What to do"
         value={mode}
         options={[
-          { value: 'identify', label: 'Say who is there' },
-          { value: 'live', label: 'Add people, then say who is there' },
+          { value: 'identify', label: 'Identify people' },
+          { value: 'live', label: 'Enrol people, then identify them' },
         ]}
         onChange={(value) => setMode(value as 'identify' | 'live')}
       />
       <Select
-        label="Keep who was seen when"
+        label="Keep sightings"
         value={keep}
         options={[
-          { value: '', label: 'do not keep it' },
+          { value: '', label: 'do not keep them' },
           { value: '1d', label: 'for a day' },
           { value: '7d', label: 'for a week' },
           { value: '30d', label: 'for 30 days' },
@@ -148,19 +148,16 @@ export function LivePeople(props: { onChange: () => void }) {
       />
       {mode === 'live' && (
         <>
-          <Notice>
-            A template made of a face is biometric data. Ask each person first, and write down what was
-            agreed.
-          </Notice>
+          <Notice>A face template is biometric data. Ask each person first, and record the consent.</Notice>
           <TextField
-            label="Names, in the order in which they are added"
+            label="Names, in the order of enrolment"
             value={names}
             onInput={setNames}
             placeholder="Ann,Ben"
-            help="With commas. Without names they are Person 1, Person 2 ..."
+            help="Separate names with commas. Without names they are called Person 1, Person 2 ..."
           />
-          <TextField label="What was agreed" value={note} onInput={setNote} required />
-          <Checkbox label="These people have agreed" checked={agreed} onChange={setAgreed} />
+          <TextField label="Consent" value={note} onInput={setNote} required />
+          <Checkbox label="These people have given consent" checked={agreed} onChange={setAgreed} />
         </>
       )}
       <div class="row">

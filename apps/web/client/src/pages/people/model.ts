@@ -33,9 +33,9 @@ export interface Proof {
   proven: boolean;
 }
 
-export interface Shot {
+export interface EnrolResult {
   name: string;
-  taken: boolean;
+  accepted: boolean;
   reason: string;
 }
 
@@ -163,21 +163,21 @@ export function proofOf(line: unknown): Proof | null {
   };
 }
 
-// What to do about a reason for which a face was not taken.
+// What to do about a reason for which a face was not accepted.
 const advice: readonly [RegExp, string][] = [
-  [/no face/, 'no face was found: look into the camera, face upright, nothing before it'],
+  [/no face/, 'no face was found: look into the camera, with the face upright and not covered'],
   [/several|more than one/, 'more than one face: take an image of this person alone'],
-  [/small/, 'the face is too small: go nearer'],
-  [/blur|sharp/, 'blurred: hold still, more light'],
+  [/small/, 'the face is too small: move closer'],
+  [/blur|sharp/, 'blurred: hold still, use more light'],
   [/turn/, 'turned away: look more towards the camera'],
   [/tilt/, 'tilted: hold the head upright'],
-  [/dark/, 'too dark: more light on the face'],
-  [/bright|light|grey/, 'the light is not right: neither very dark nor very bright'],
-  [/contrast/, 'too little contrast: more light from one side'],
-  [/clip/, 'parts are burnt out or black: softer light'],
+  [/dark/, 'too dark: use more light on the face'],
+  [/bright|light|grey/, 'wrong exposure: avoid very dark and very bright light'],
+  [/contrast/, 'too little contrast: use more light from one side'],
+  [/clip/, 'over- or underexposed parts: use softer light'],
   [/uneven|side/, 'lit from one side: turn towards the light'],
-  [/alike|differ|same/, 'too much like one that was taken: turn the head a little'],
-  [/soon/, 'too soon after the last one'],
+  [/alike|differ|same/, 'too similar to an accepted face: turn the head slightly'],
+  [/soon/, 'too soon after the last image'],
 ];
 
 export function adviceFor(reason: string): string {
@@ -186,22 +186,26 @@ export function adviceFor(reason: string): string {
 }
 
 // What became of one image, of the line of `people enroll` for it alone.
-export function shotOf(name: string, line: unknown, error: string): Shot {
+export function enrolResultOf(name: string, line: unknown, error: string): EnrolResult {
   const v = fields(line);
-  if (v && count(v.added) > 0) return { name, taken: true, reason: '' };
+  if (v && count(v.added) > 0) return { name, accepted: true, reason: '' };
   const refused = v ? fields(v.refused) : null;
   const reasons = refused ? Object.keys(refused) : [];
-  return { name, taken: false, reason: reasons.map(adviceFor).join('; ') || error || 'no face was taken' };
+  return {
+    name,
+    accepted: false,
+    reason: reasons.map(adviceFor).join('; ') || error || 'no face was accepted',
+  };
 }
 
-export interface Named {
+export interface IdentifiedFace {
   box: [number, number, number, number];
   label: string | null;
   known: boolean;
   confidence: number;
 }
 
-export function namedOf(line: unknown): Named[] {
+export function identifiedFacesOf(line: unknown): IdentifiedFace[] {
   const v = fields(line);
   if (!v || !Array.isArray(v.faces)) return [];
   return v.faces.flatMap((face) => {
@@ -209,7 +213,7 @@ export function namedOf(line: unknown): Named[] {
     if (!f || !Array.isArray(f.box) || f.box.length !== 4) return [];
     return [
       {
-        box: f.box.map(count) as Named['box'],
+        box: f.box.map(count) as IdentifiedFace['box'],
         label: typeof f.label === 'string' ? f.label : null,
         known: f.known === true,
         confidence: count(f.confidence),
@@ -222,8 +226,8 @@ export function namedOf(line: unknown): Named[] {
 export function nameProblem(name: string): string {
   const text = name.trim();
   if (text === '') return '';
-  if (new TextEncoder().encode(text).length > 200) return 'A name has 200 bytes at most.';
+  if (new TextEncoder().encode(text).length > 200) return 'A name may have at most 200 bytes.';
 
-  if (/[\u0000-\u001f\u007f]/.test(text)) return 'A name is one line.';
+  if (/[\u0000-\u001f\u007f]/.test(text)) return 'A name must be one line.';
   return '';
 }

@@ -35,7 +35,7 @@ import {
   flagsOf,
   histogram,
   sinceChoices,
-  sureness,
+  confidenceLevel,
   textOf,
   watchEntryOf,
   whenText,
@@ -154,7 +154,7 @@ export function Plates() {
     <>
       <PageHead
         title="Plates"
-        text="Reads the number plates of a camera or video, keeps who passed when, and finds it again."
+        text="Reads number plates from a camera or video, logs each vehicle, and searches the log."
       />
       <div class="split">
         <section class="card stack" aria-labelledby="read">
@@ -166,7 +166,7 @@ export function Plates() {
                 label="Countries"
                 value={country}
                 onInput={setCountry}
-                help="Empty: all that are known. Else codes like es or pt, or eu for all of that group."
+                help="Leave it empty for all known countries, or enter codes such as es or pt, or eu for the whole group."
               />
               <div class="row">
                 <AsyncButton
@@ -188,39 +188,36 @@ export function Plates() {
                 </AsyncButton>
               </div>
               <p class="field-help">
-                Vehicles go to the log of this workspace as they pass. Number plates are personal data in many
-                countries: keep no more than you need.
+                Vehicles are added to the log of this workspace as they pass. Number plates are personal data
+                in many countries: store no more than you need.
               </p>
             </>
           ) : (
             <>
               <SessionPanel
                 id={session.id}
-                title="Plates that are read"
+                title="Reading plates"
                 end="Stop reading"
                 onEnd={async () => {
                   await session.end();
                   events.again();
                 }}
               />
-              <StateList
-                state={state}
-                names={{ plates: 'Plates in sight', events: 'Vehicles that have gone' }}
-              />
+              <StateList state={state} names={{ plates: 'Visible plates', events: 'Vehicles in the log' }} />
               <SessionActions id={session.id} label="Actions" without={['quit', 'help']} />
             </>
           )}
           <hr />
           <Watch entries={watch.value ?? []} problem={watch.error} onChanged={() => watch.again()} />
           <hr />
-          <h3>No camera at hand?</h3>
+          <h3>No camera?</h3>
           {day ? (
-            <Progress label="Drawing a day of traffic" done={day.done} total={day.total} unit="hours" />
+            <Progress label="Generating a day of traffic" done={day.done} total={day.total} unit="hours" />
           ) : (
             <Button onClick={() => void drawnDay()}>Try with synthetic data</Button>
           )}
           <p class="field-help">
-            Draws cars at several hours of the last day, reads them, and puts them into the log.
+            Generates cars at several hours of the last day, reads their plates, and adds them to the log.
           </p>
         </section>
         <section class="stack" aria-labelledby="events">
@@ -234,11 +231,11 @@ export function Plates() {
             }}
           >
             <TextField
-              label="Text of the plate"
+              label="Plate text"
               type="search"
               value={typed.text}
               onInput={(text) => setTyped({ ...typed, text })}
-              help="A part will do. * stands for any characters, ? for one."
+              help="A part is enough. * matches any characters, ? matches one."
             />
             <Select
               label="When"
@@ -247,10 +244,10 @@ export function Plates() {
               onChange={(since) => setTyped({ ...typed, since })}
             />
             <Checkbox
-              label="Nearly this text"
+              label="Similar texts"
               checked={typed.near}
               onChange={(near) => setTyped({ ...typed, near })}
-              help="One character may be wrong; O is 0 and I is 1."
+              help="One character may differ; O equals 0, and I equals 1."
             />
             <div class="row">
               <Button kind="main" type="submit">
@@ -295,21 +292,21 @@ export function Plates() {
                     });
                     const count = job.files.filter((one) => one.name.endsWith('.jpg')).length;
                     toast(
-                      `${count} corrected plates are in the job "Corrected plates": train a reader with them.`,
+                      `The job "Corrected plates" has ${count} corrected plates. Train a reader with them.`,
                       'good',
                     );
                   });
                 }}
               >
-                Make training data
+                Save as training data
               </AsyncButton>
             </div>
           </form>
           {events.error && <Notice kind="problem">{events.error}</Notice>}
           <p class="numbers" role="status">
             {events.value === undefined
-              ? 'Looking into the log.'
-              : `${list.length} ${list.length === 1 ? 'event' : 'events'}${isNarrow ? ' found' : ''}${list.length >= perPage ? ', the newest; narrow the search for others' : ''}`}
+              ? 'Searching the log.'
+              : `${list.length} ${list.length === 1 ? 'event' : 'events'}${isNarrow ? ' found' : ''}${list.length >= perPage ? ', newest only; narrow the search to see others' : ''}`}
           </p>
           {list.length > 0 && <When events={list} />}
           {list.length > 0 && (
@@ -321,7 +318,7 @@ export function Plates() {
                   name: 'Plate',
                   show: (one) => <Plate event={one} images={images} />,
                 },
-                { name: 'Seen', show: (one) => <Seen event={one} /> },
+                { name: 'Time', show: (one) => <Seen event={one} /> },
                 {
                   name: 'More',
                   show: (one) => (
@@ -336,7 +333,7 @@ export function Plates() {
             />
           )}
           {list.length === 0 && events.value !== undefined && !isNarrow && (
-            <p class="faint">Nothing was read yet. Start reading, or try with synthetic data.</p>
+            <p class="faint">No events yet. Start reading, or try with synthetic data.</p>
           )}
         </section>
       </div>
@@ -383,11 +380,11 @@ function Watch(props: { entries: WatchEntry[]; problem: string | undefined; onCh
   };
   return (
     <section class="stack" aria-labelledby="watch">
-      <h3 id="watch">Plates that matter</h3>
+      <h3 id="watch">Watch list</h3>
       {props.problem && <Notice kind="problem">{props.problem}</Notice>}
       {props.entries.length > 0 && (
         <Table
-          caption="Plates that matter"
+          caption="Watch list"
           hideCaption
           stacks
           columns={[
@@ -423,29 +420,29 @@ function Watch(props: { entries: WatchEntry[]; problem: string | undefined; onCh
       )}
       <form
         class="stack"
-        aria-label="Watch for a plate"
+        aria-label="Add a plate to the watch list"
         onSubmit={(event) => {
           event.preventDefault();
         }}
       >
         <TextField
-          label="Watch for"
+          label="Plate"
           value={plate}
           onInput={setPlate}
-          problem={plate !== '' && clean === null ? 'Letters, digits, * and ?.' : ''}
-          help="* stands for any characters, ? for one. What the reader often confuses is tolerated."
+          problem={plate !== '' && clean === null ? 'Use letters, digits, * and ? only.' : ''}
+          help="* matches any characters, ? matches one. Characters that the reader often confuses are tolerated."
         />
-        <TextField label="Whose it is" value={label} onInput={setLabel} />
+        <TextField label="Label" value={label} onInput={setLabel} />
         <TextField
           label="Hours"
           value={hours}
           onInput={setHours}
-          problem={areHours(hours) ? '' : 'From and to, like 08:00-18:00.'}
-          help="Empty: all day. Else 22:00-06:00."
+          problem={areHours(hours) ? '' : 'Enter a time range, such as 08:00-18:00.'}
+          help="Leave it empty for all day, or enter a range such as 22:00-06:00."
         />
         <div class="row">
           <AsyncButton disabled={clean === null || !areHours(hours)} run={add}>
-            Watch
+            Add to the watch list
           </AsyncButton>
         </div>
       </form>
@@ -466,7 +463,7 @@ function Plate(props: { event: PlateEvent; images: Images | null }) {
         <strong class="plate-text">{textOf(props.event)}</strong>
         {props.event.correction !== null && <span class="faint">read as {props.event.text}</span>}
         <span class="faint">
-          {(100 * props.event.confidence).toFixed(0)} %, {sureness(props.event.confidence)}
+          {(100 * props.event.confidence).toFixed(0)} %, {confidenceLevel(props.event.confidence)} confidence
           {props.event.country === '' ? '' : `, ${props.event.country}`}
         </span>
       </span>
@@ -547,7 +544,7 @@ function When({ events }: { events: PlateEvent[] }) {
         ))}
       </svg>
       <details>
-        <summary>As a table</summary>
+        <summary>Show as table</summary>
         <Table
           caption={`Vehicles by ${isDay ? 'day' : 'hour'}`}
           hideCaption
@@ -584,7 +581,7 @@ function EventDetail(props: { event: PlateEvent; images: Images | null; onCorrec
     if (clean === null) return;
     await attempt(async () => {
       await api.run('plate log', [log], { '--correct': [String(event.id), clean] });
-      toast(`Corrected to ${clean}; what was read stays beside it.`, 'good');
+      toast(`Corrected to ${clean}; the original reading is kept.`, 'good');
       props.onCorrected();
     });
   };
@@ -605,41 +602,39 @@ function EventDetail(props: { event: PlateEvent; images: Images | null; onCorrec
       )}
       {read.value?.characters && read.value.characters.length > 0 && (
         <>
-          <h3>How sure of each character, in this image</h3>
+          <h3>Confidence of each character in this image</h3>
           <ul class="characters">
             {read.value.characters.map((one, i) => (
-              <li key={i} class={`character character-${sureness(one.confidence)}`}>
+              <li key={i} class={`character character-${confidenceLevel(one.confidence)}`}>
                 <span class="character-text">{one.text}</span>
-                <span class="character-sure">{(100 * one.confidence).toFixed(0)} %</span>
+                <span class="character-confidence">{(100 * one.confidence).toFixed(0)} %</span>
               </li>
             ))}
           </ul>
         </>
       )}
       {file && read.value === null && !read.loading && (
-        <p class="faint">
-          In this one image no plate is found again; the text comes from all frames together.
-        </p>
+        <p class="faint">No plate is detected in this single image; the text was voted over all frames.</p>
       )}
       <Table
-        caption="Other texts that it could be"
+        caption="Alternative readings"
         columns={[
           { name: 'Text', show: (one) => one.text },
-          { name: 'Sure', show: (one) => `${(100 * one.confidence).toFixed(1)} %`, number: true },
+          { name: 'Confidence', show: (one) => `${(100 * one.confidence).toFixed(1)} %`, number: true },
           { name: 'Country', show: (one) => one.country ?? '' },
         ]}
         rows={event.candidates.filter((one) => one.text !== event.text).slice(0, 5)}
         keyOf={(one) => one.text}
       />
       <details>
-        <summary>{event.readings.length} readings, one a frame</summary>
+        <summary>{event.readings.length} readings, one per frame</summary>
         <Table
           caption="Readings"
           hideCaption
           columns={[
-            { name: 'Second', show: (one) => one.time.toFixed(1), number: true },
+            { name: 'Time, s', show: (one) => one.time.toFixed(1), number: true },
             { name: 'Text', show: (one) => one.text },
-            { name: 'Sure', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
+            { name: 'Confidence', show: (one) => `${(100 * one.confidence).toFixed(0)} %`, number: true },
           ]}
           rows={event.readings.slice(0, 300)}
           keyOf={(_, i) => i}
@@ -656,15 +651,15 @@ function EventDetail(props: { event: PlateEvent; images: Images | null; onCorrec
         }}
       >
         <TextField
-          label="What the plate really says"
+          label="Correct text"
           value={text}
           onInput={setText}
-          problem={clean === null ? 'Letters and digits, 20 at most.' : ''}
-          help="Kept in the log beside what was read; searches find both, and a reader can be trained with it."
+          problem={clean === null ? 'Use letters and digits, 20 at most.' : ''}
+          help="It is stored in the log with the original reading. Searches find both, and a reader can be trained with it."
         />
         <div class="row row-end">
           {event.correction !== null && (
-            <AsyncButton run={undo}>Take the correction of {event.correction.author} back</AsyncButton>
+            <AsyncButton run={undo}>Undo the correction of {event.correction.author}</AsyncButton>
           )}
           <AsyncButton kind="main" disabled={clean === null || clean === textOf(event)} run={correct}>
             Correct

@@ -172,6 +172,6 @@ export function cleanText(text: string): string | null {
 }
 
 /** The word for a confidence, so that colour is never alone. */
-export function sureness(confidence: number): 'sure' | 'likely' | 'unsure' {
-  return confidence >= 0.9 ? 'sure' : confidence >= 0.5 ? 'likely' : 'unsure';
+export function confidenceLevel(confidence: number): 'high' | 'medium' | 'low' {
+  return confidence >= 0.9 ? 'high' : confidence >= 0.5 ? 'medium' : 'low';
 }

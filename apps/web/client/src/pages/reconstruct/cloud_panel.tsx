@@ -30,7 +30,7 @@ const sizeOf = (job: Job, name: string): string => {
 
 // What can be shown of a job's model: its points, and what was made of them.
 const kinds = {
-  points: { label: 'Points of the model', file: 'model/points3D.txt' },
+  points: { label: 'Sparse points', file: 'model/points3D.txt' },
   dense: { label: 'Dense cloud', file: 'model/dense/fused.ply' },
   surface: { label: 'Surface', file: 'model/mesh.glb' },
 } as const;
@@ -117,10 +117,10 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
           viewer.current = one;
           setReady(true);
         } catch {
-          setNoCanvas('This browser cannot draw in 3D (no WebGL). The tables below have the same content.');
+          setNoCanvas('This browser cannot draw in 3D (no WebGL). The tables below show the same content.');
         }
       },
-      () => setNoCanvas('The part of the page that draws in 3D did not load.'),
+      () => setNoCanvas('The 3D viewer could not be loaded.'),
     );
     return () => {
       alive = false;
@@ -155,33 +155,33 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
           ref={canvas}
           role="application"
           aria-roledescription="cloud of points"
-          aria-label={`${shape.surface ? `Surface of ${shape.surface.faces.length / 3} triangles` : `Cloud of ${cloud.count} points`} and ${model.images.size} cameras. Arrow keys turn it, plus and minus zoom, Shift with arrows moves it, 0 is the first view.${box ? ' x, y and z choose a face of the cut box, point and comma move it.' : ''}`}
+          aria-label={`${shape.surface ? `Surface of ${shape.surface.faces.length / 3} triangles` : `Cloud of ${cloud.count} points`} and ${model.images.size} cameras. Arrow keys rotate it, plus and minus zoom, Shift with arrow keys pans, 0 resets the view.${box ? ' x, y and z select a face of the cut box, point and comma move it.' : ''}`}
           tabIndex={0}
         />
         {noCanvas && <p class="live-wait">{noCanvas}</p>}
       </div>
       <div class="cloud-side stack">
         <div class="view-buttons" role="group" aria-label="View">
-          <Button small aria-label="Turn left" onClick={() => viewer.current?.turn(-Math.PI / 12, 0)}>
+          <Button small aria-label="Rotate left" onClick={() => viewer.current?.turn(-Math.PI / 12, 0)}>
             ←
           </Button>
-          <Button small aria-label="Turn right" onClick={() => viewer.current?.turn(Math.PI / 12, 0)}>
+          <Button small aria-label="Rotate right" onClick={() => viewer.current?.turn(Math.PI / 12, 0)}>
             →
           </Button>
-          <Button small aria-label="Turn up" onClick={() => viewer.current?.turn(0, Math.PI / 18)}>
+          <Button small aria-label="Rotate up" onClick={() => viewer.current?.turn(0, Math.PI / 18)}>
             ↑
           </Button>
-          <Button small aria-label="Turn down" onClick={() => viewer.current?.turn(0, -Math.PI / 18)}>
+          <Button small aria-label="Rotate down" onClick={() => viewer.current?.turn(0, -Math.PI / 18)}>
             ↓
           </Button>
-          <Button small aria-label="Nearer" onClick={() => viewer.current?.zoom(0.8)}>
+          <Button small aria-label="Zoom in" onClick={() => viewer.current?.zoom(0.8)}>
             +
           </Button>
-          <Button small aria-label="Farther" onClick={() => viewer.current?.zoom(1.25)}>
+          <Button small aria-label="Zoom out" onClick={() => viewer.current?.zoom(1.25)}>
             −
           </Button>
           <Button small onClick={() => viewer.current?.reset()}>
-            First view
+            Reset view
           </Button>
         </div>
         {offered.length > 1 && (
@@ -197,11 +197,11 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
         )}
         {problem && <Notice kind="problem">{problem}</Notice>}
         {shape.kind !== kind && !problem && (
-          <Progress label={`Reading: ${kinds[kind].label}`} done={0} total={0} />
+          <Progress label={`Loading: ${kinds[kind].label}`} done={0} total={0} />
         )}
         {!shape.surface && (
           <Slider
-            label="Size of points"
+            label="Point size"
             value={size}
             low={1}
             high={8}
@@ -213,7 +213,7 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
           />
         )}
         <Checkbox
-          label="Show the cameras"
+          label="Show cameras"
           checked={showCameras}
           onChange={(shown) => {
             setShowCameras(shown);
@@ -225,8 +225,8 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
             label="A click on a point"
             value={mode}
             options={[
-              { value: 'look', label: 'shows it in the images' },
-              { value: 'measure', label: 'measures from point to point' },
+              { value: 'look', label: 'shows the point in the images' },
+              { value: 'measure', label: 'measures a distance' },
             ]}
             onChange={(value) => {
               setMode(value as Mode);
@@ -235,7 +235,7 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
           />
         )}
         <PointByNumber
-          label={shape.surface ? 'Or corner number' : 'Or point number'}
+          label={shape.surface ? 'Or vertex number' : 'Or point number'}
           count={cloud.count}
           onPick={(index) =>
             pick.current({
@@ -256,7 +256,7 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
             {length !== null && (
               <div class="row row-fields">
                 <TextField
-                  label="It is in truth"
+                  label="Real distance"
                   type="number"
                   min={0}
                   step="any"
@@ -268,7 +268,7 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
                   disabled={!(knownLength > 0) || length === 0}
                   onClick={() => setScale(knownLength / length)}
                 >
-                  Use as scale
+                  Set the scale
                 </Button>
               </div>
             )}
@@ -276,16 +276,16 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
               <p>
                 One unit of the model is {scale.toPrecision(4)} {unit}.{' '}
                 <Button small onClick={() => setScale(null)}>
-                  Forget the scale
+                  Reset the scale
                 </Button>
               </p>
             )}
           </div>
         )}
         <Table
-          caption="The cloud in numbers"
+          caption="Properties of the cloud"
           columns={[
-            { name: 'What', show: (row) => row[0]! },
+            { name: 'Property', show: (row) => row[0]! },
             { name: 'Value', show: (row) => row[1]!, number: true },
           ]}
           rows={[
@@ -297,7 +297,7 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
               : [['Points', String(cloud.count)]]),
             ['Cameras', String(model.images.size)],
             ['Size, units of the model', boxText(cloud.positions)],
-            ...(model.skipped > 0 ? [['Lines left out', String(model.skipped)]] : []),
+            ...(model.skipped > 0 ? [['Skipped lines', String(model.skipped)]] : []),
           ]}
           keyOf={(row) => row[0]!}
           hideCaption
@@ -306,7 +306,7 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
           label="Cut box"
           checked={box !== null}
           onChange={(on) => setBox(on ? firstBox(positions) : null)}
-          help="A part of the cloud, to look at by itself and to download."
+          help="Selects a part of the cloud to view and download."
         />
         {box && (
           <CutPanel
@@ -340,9 +340,7 @@ export function CloudPanel({ job, model }: { job: Job; model: Model }) {
         )}
         {shape.kind !== 'points' && (
           <a href={api.jobFileAddress(job.id, kinds[shape.kind].file)} download>
-            {shape.surface
-              ? 'Download the surface (GLB)'
-              : 'Download the file as it was made (PLY, with normals)'}
+            {shape.surface ? 'Download the surface (GLB)' : 'Download the original file (PLY, with normals)'}
           </a>
         )}
       </div>

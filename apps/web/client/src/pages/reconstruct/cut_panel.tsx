@@ -35,8 +35,8 @@ export function CutPanel(props: {
   return (
     <div class="stack cut-box">
       <p class="field-help">
-        Drag the squares in the image. By keys there: x, y or z chooses a face (again: the other one), point
-        and comma move it, with Shift ten steps, Escape lets go.
+        Drag the squares in the image. With the keyboard: x, y or z selects a face (press it again for the
+        opposite face), point and comma move it, with Shift by ten steps, Escape deselects it.
       </p>
       <p class="numbers" aria-live="polite" data-chosen={chosen ? nameOfFace(chosen) : ''}>
         {chosenText()}
@@ -88,12 +88,12 @@ export function CutPanel(props: {
       <p class="numbers" aria-live="polite" data-inside={props.inside}>
         {props.inside} of {props.count} points are in the box.
       </p>
-      <Checkbox label="Show only what is in the box" checked={props.only} onChange={props.onOnly} />
+      <Checkbox label="Show only the points in the box" checked={props.only} onChange={props.onOnly} />
       <div class="row">
         <Button disabled={props.inside === 0} onClick={props.onSave}>
           Download the points in the box (PLY)
         </Button>
-        <Button onClick={props.onReset}>The whole cloud</Button>
+        <Button onClick={props.onReset}>Reset the box</Button>
       </div>
     </div>
   );

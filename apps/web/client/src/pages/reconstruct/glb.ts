@@ -47,13 +47,13 @@ const readers: Record<number, [bytes: number, read: (view: DataView, at: number)
 export function readGlb(file: Uint8Array): Surface {
   const head = new DataView(file.buffer, file.byteOffset, file.byteLength);
   if (file.length < 20 || head.getUint32(0, true) !== magic || head.getUint32(4, true) !== 2)
-    throw new Error('This is no binary glTF file.');
+    throw new Error('This is not a binary glTF file.');
   let json: Gltf | undefined;
   let binary = new Uint8Array(0);
   for (let at = 12; at + 8 <= file.length;) {
     const length = head.getUint32(at, true);
     const kind = head.getUint32(at + 4, true);
-    if (at + 8 + length > file.length) throw new Error('This glTF file ends too early.');
+    if (at + 8 + length > file.length) throw new Error('This glTF file is truncated.');
     const chunk = file.slice(at + 8, at + 8 + length);
     if (kind === jsonChunk) json = JSON.parse(new TextDecoder().decode(chunk)) as Gltf;
     if (kind === binaryChunk) binary = chunk;
@@ -66,8 +66,7 @@ export function readGlb(file: Uint8Array): Surface {
   const faces = numbers(json, binary, part.indices, 1, Uint32Array);
   if (!positions || !faces) throw new Error('This glTF file has no surface of triangles.');
   const count = positions.length / 3;
-  if (faces.some((vertex) => vertex >= count))
-    throw new Error('This glTF file names vertices that it lacks.');
+  if (faces.some((vertex) => vertex >= count)) throw new Error('This glTF file refers to missing vertices.');
   const uvs = numbers(json, binary, part.attributes['TEXCOORD_0'], 2, Float32Array);
   const linear = numbers(json, binary, part.attributes['COLOR_0'], 4, Uint8Array);
   const colours = new Uint8Array(3 * count).fill(180);
@@ -87,7 +86,7 @@ function bytesOf(json: Gltf, binary: Uint8Array<ArrayBuffer>, index: number | un
   const view = index === undefined ? undefined : json.bufferViews?.[index];
   if (!view) return null;
   const offset = view.byteOffset ?? 0;
-  if (offset + view.byteLength > binary.length) throw new Error('This glTF file ends too early.');
+  if (offset + view.byteLength > binary.length) throw new Error('This glTF file is truncated.');
   return new DataView(binary.buffer, binary.byteOffset + offset, view.byteLength);
 }
 
@@ -106,7 +105,7 @@ function numbers<T extends Float32Array | Uint32Array | Uint8Array>(
   const stride = json.bufferViews![accessor.bufferView!]!.byteStride ?? size * width;
   const start = accessor.byteOffset ?? 0;
   if (accessor.count > 0 && start + stride * (accessor.count - 1) + size * width > bytes.byteLength)
-    throw new Error('This glTF file ends too early.');
+    throw new Error('This glTF file is truncated.');
   const result = new Kind(accessor.count * width);
   for (let i = 0; i < accessor.count; i++)
     for (let k = 0; k < width; k++) result[width * i + k] = read(bytes, start + stride * i + size * k);

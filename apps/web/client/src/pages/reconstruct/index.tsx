@@ -26,9 +26,9 @@ const offered = [
 
 // What is made of the images; each takes what stands above it along.
 const results = {
-  points: { label: 'cameras and points', flags: {} },
-  dense: { label: 'and a dense cloud', flags: { '--dense': true } },
-  surface: { label: 'and a surface with its texture', flags: { '--mesh': true } },
+  points: { label: 'cameras and sparse points', flags: {} },
+  dense: { label: 'also a dense cloud', flags: { '--dense': true } },
+  surface: { label: 'also a textured surface', flags: { '--mesh': true } },
 } as const;
 type Results = keyof typeof results;
 
@@ -90,7 +90,7 @@ export function Reconstruct() {
   // The model grows image by image in a live session; what it leaves is only to be looked at.
   const watch = async (input: string) => {
     setGrown(input);
-    await growing.start([input], { '--online': true, '--output': 'ws:growing' }, 'A model that grows');
+    await growing.start([input], { '--online': true, '--output': 'ws:growing' }, 'Live reconstruction');
   };
   // The card of the first page: one click to a first model. Once, also where the page is loaded again.
   const begun = useRef(false);
@@ -107,15 +107,15 @@ export function Reconstruct() {
     <>
       <PageHead
         title="Reconstruct"
-        text="Images of one object or place, taken from several sides, become cameras and a cloud of points."
+        text="Computes camera poses and a point cloud from images of one object or place, taken from several sides."
       />
       {growing.id !== undefined && (
-        <section class="split split-wide" aria-label="A model that grows">
-          <SessionPanel id={growing.id} title="The model while it grows" onEnd={growing.end} />
+        <section class="split split-wide" aria-label="Live reconstruction">
+          <SessionPanel id={growing.id} title="The model during the reconstruction" onEnd={growing.end} />
           <div class="stack">
             <p>
-              At the left the image with the points of the model that are seen in it, at the right the cloud
-              and its cameras. Images should follow each other, like steps of a walk.
+              Left: the current image with the model points that it observes. Right: the point cloud and the
+              cameras. Consecutive images should overlap, as in a walk around the object.
             </p>
             <SessionActions id={growing.id} label="View" without={['quit', 'help']} />
             {grown !== null && (
@@ -123,10 +123,10 @@ export function Reconstruct() {
                 kind="main"
                 run={async () => {
                   await growing.end();
-                  await start(grown, 'The model that grew');
+                  await start(grown, 'Images of the live reconstruction');
                 }}
               >
-                Make the model of all images
+                Reconstruct from all images
               </AsyncButton>
             )}
           </div>
@@ -134,7 +134,8 @@ export function Reconstruct() {
       )}
       {drawing && job === undefined && (
         <Notice>
-          {imagesOf} images of a scene are being drawn. Their model is made next, and shown here.
+          {imagesOf} images of a synthetic scene are being generated. Their model is computed next and shown
+          here.
         </Notice>
       )}
       {job && done && <ModelView key={job.id} job={job} />}
@@ -144,7 +145,7 @@ export function Reconstruct() {
           <SetSource
             kind="photos"
             label="Drop images here"
-            help="8 to 60 images. Move between them, do not only turn; each should share most of its view with the next."
+            help="8 to 60 images. Move the camera between images, do not only rotate it. Consecutive images should show mostly the same area."
             onSet={(name, files) => setSet({ name, files })}
           />
           {set && (
@@ -153,26 +154,26 @@ export function Reconstruct() {
                 <strong>{set.files} images</strong> in {set.name}
               </p>
               <details>
-                <summary>Show them</summary>
+                <summary>Show images</summary>
                 <SetImages set={set.name} most={60} />
               </details>
             </>
           )}
           <Select
-            label="Make"
+            label="Result"
             value={make}
             options={Object.entries(results).map(([value, { label }]) => ({ value, label }))}
             onChange={(value) => setMake(value as Results)}
-            help="A dense cloud or a surface takes some minutes more."
+            help="A dense cloud or a surface takes a few more minutes."
           />
           {make !== 'points' && (
             <Select
-              label="How finely"
+              label="Detail"
               value={quality}
               options={[
-                { value: 'draft', label: 'draft: a quarter of the size, quickest' },
-                { value: 'normal', label: 'normal: half of the size' },
-                { value: 'high', label: 'high: every pixel, slowest' },
+                { value: 'draft', label: 'draft: a quarter of the image size, fastest' },
+                { value: 'normal', label: 'normal: half of the image size' },
+                { value: 'high', label: 'high: full image size, slowest' },
               ]}
               onChange={setQuality}
             />
@@ -206,11 +207,11 @@ export function Reconstruct() {
                 if (set) await watch(`set:${set.name}`);
               }}
             >
-              Watch it grow
+              Reconstruct live
             </AsyncButton>
           </div>
           <hr />
-          <h3>No images at hand?</h3>
+          <h3>No images?</h3>
           <Select
             label="Synthetic images"
             value={String(imagesOf)}
@@ -227,7 +228,7 @@ export function Reconstruct() {
         <section class="stack" aria-labelledby="models">
           <h2 id="models">Models</h2>
           {all.error && <Notice kind="problem">{all.error}</Notice>}
-          {all.jobs.length === 0 && !all.loading && <p class="faint">No model yet.</p>}
+          {all.jobs.length === 0 && !all.loading && <p class="faint">No models yet.</p>}
           {job && <JobCard job={job} files={false} onChange={all.again} />}
           {all.jobs.length > 0 && (
             <ul class="plain-list" aria-label="All models">

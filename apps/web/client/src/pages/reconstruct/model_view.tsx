@@ -58,17 +58,18 @@ export function ModelView({ job }: { job: Job }) {
   return (
     <section class="stack" aria-labelledby="the-model">
       <h2 id="the-model">{job.name || 'The model'}</h2>
-      {report.value?.partial && <Notice>The job was stopped: this is the model so far.</Notice>}
+      {report.value?.partial && <Notice>The job was stopped. This is the partial model.</Notice>}
       {main && (
         <p class="numbers">
           {images.filter((one) => one.model === 0).length} of {images.length} images, {main.points} points,
-          each in {main.mean_track.toFixed(1)} images, reprojection error {main.reprojection_px.toFixed(2)} px
+          each observed in {main.mean_track.toFixed(1)} images, reprojection error{' '}
+          {main.reprojection_px.toFixed(2)} px
           {report.value!.models.length > 1 ? `; ${report.value!.models.length - 1} further models` : ''}
         </p>
       )}
       {report.error && <Notice kind="problem">{report.error}</Notice>}
       {problem && <Notice kind="problem">The cloud could not be shown. {problem}</Notice>}
-      {!model && !problem && <Progress label="Reading the model" done={0} total={0} />}
+      {!model && !problem && <Progress label="Loading the model" done={0} total={0} />}
       {model && <CloudPanel job={job} model={model} />}
       {missing.length > 0 && (
         <Notice kind="problem">
@@ -78,7 +79,7 @@ export function ModelView({ job }: { job: Job }) {
           <ul>
             {missing.map((one) => (
               <li key={one.name}>
-                {one.name}: {one.reason ?? (one.read === false ? 'could not be read' : 'no reason was given')}
+                {one.name}: {one.reason ?? (one.read === false ? 'could not be read' : 'unknown reason')}
               </li>
             ))}
           </ul>
@@ -102,7 +103,7 @@ export function ModelView({ job }: { job: Job }) {
       )}
       {(report.value?.log?.length ?? 0) > 0 && (
         <details>
-          <summary>How it grew</summary>
+          <summary>Log of the reconstruction</summary>
           <ol class="log-list">
             {report.value!.log!.map((line, i) => (
               <li key={i}>{line}</li>

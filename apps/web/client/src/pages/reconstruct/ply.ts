@@ -40,7 +40,7 @@ export function cloudOf(positions: Float32Array, colours: Uint8Array): Cloud {
 export function readPly(bytes: Uint8Array, most = Infinity): Cloud {
   const head = new TextDecoder('latin1').decode(bytes.subarray(0, Math.min(bytes.length, maxHeader)));
   const end = /end_header\r?\n/.exec(head);
-  if (!head.startsWith('ply') || !end) throw new Error('This is no PLY file.');
+  if (!head.startsWith('ply') || !end) throw new Error('This is not a PLY file.');
   let format = '';
   let count = 0;
   let isVertex = false;
@@ -51,12 +51,12 @@ export function readPly(bytes: Uint8Array, most = Infinity): Cloud {
     if (words[0] === 'format') format = words[1] ?? '';
     if (words[0] === 'element') {
       isVertex = words[1] === 'vertex';
-      if (isVertex && seenOther) throw new Error('The vertices of this PLY file do not come first.');
+      if (isVertex && seenOther) throw new Error('The vertices are not the first element of this PLY file.');
       if (isVertex) count = Number(words[2]);
       else seenOther = true;
     }
     if (words[0] === 'property' && isVertex) {
-      if (words[1] === 'list') throw new Error('The vertices of this PLY file have lists.');
+      if (words[1] === 'list') throw new Error('The vertices of this PLY file have list properties.');
       properties.push({ type: words[1] ?? '', name: words[2] ?? '' });
     }
   }
@@ -64,16 +64,17 @@ export function readPly(bytes: Uint8Array, most = Infinity): Cloud {
   let stride = 0;
   properties.forEach((p, index) => {
     const size = sizes[p.type];
-    if (!size) throw new Error('This PLY file has a property of a type that is not known.');
+    if (!size) throw new Error('This PLY file has a property of an unknown type.');
     place.set(p.name, { offset: stride, index, type: p.type });
     stride += size;
   });
   if (!['x', 'y', 'z'].every((name) => place.has(name))) throw new Error('This PLY file has no x, y, z.');
-  if (!Number.isInteger(count) || count < 0) throw new Error('This PLY file says no number of points.');
+  if (!Number.isInteger(count) || count < 0)
+    throw new Error('This PLY file does not give the number of points.');
   const start = end.index + end[0].length;
   let read: (i: number, name: string) => number;
   if (format === 'binary_little_endian') {
-    if (bytes.length - start < count * stride) throw new Error('This PLY file ends too early.');
+    if (bytes.length - start < count * stride) throw new Error('This PLY file is truncated.');
     const view = new DataView(bytes.buffer, bytes.byteOffset + start);
     read = (i, name) => {
       const p = place.get(name);
@@ -81,7 +82,7 @@ export function readPly(bytes: Uint8Array, most = Infinity): Cloud {
     };
   } else if (format === 'ascii') {
     const rows = new TextDecoder().decode(bytes.subarray(start)).split('\n');
-    if (rows.length < count) throw new Error('This PLY file ends too early.');
+    if (rows.length < count) throw new Error('This PLY file is truncated.');
     const cut = rows.slice(0, count).map((row) => row.trim().split(/\s+/).map(Number));
     read = (i, name) => {
       const p = place.get(name);

@@ -25,15 +25,15 @@ export function PointView({ job, model, index }: { job: Job; model: Model; index
   return (
     <section class="point-view stack" aria-live="polite" aria-label="The point in the images">
       <h3>
-        Point {index + 1}: seen in {seen.length} images, at {x}, {y}, {z}
+        Point {index + 1}: observed in {seen.length} images, at {x}, {y}, {z}
       </h3>
-      <p class="field-help">The cross is where it was seen, the circle where the model puts it.</p>
+      <p class="field-help">The cross is the observation. The circle is the projection of the 3D point.</p>
       <ul class="thumbs">
         {seen.slice(0, 12).map((one) => (
           <li key={one.image.id}>
             <Crop job={job} model={model} one={one} />
             <span>
-              {one.image.name}: {one.error === null ? 'no error known' : `${one.error.toFixed(2)} px off`}
+              {one.image.name}: {one.error === null ? 'unknown error' : `error ${one.error.toFixed(2)} px`}
             </span>
           </li>
         ))}
@@ -42,9 +42,13 @@ export function PointView({ job, model, index }: { job: Job; model: Model; index
         caption="Observations, largest error first"
         columns={[
           { name: 'Image', show: (one: Observation) => one.image.name },
-          { name: 'Seen at, px', show: (one) => one.seen.map((v) => v.toFixed(1)).join(', '), number: true },
           {
-            name: 'Model at, px',
+            name: 'Observation, px',
+            show: (one) => one.seen.map((v) => v.toFixed(1)).join(', '),
+            number: true,
+          },
+          {
+            name: 'Projection, px',
             show: (one) => (one.projected ? one.projected.map((v) => v.toFixed(1)).join(', ') : ''),
             number: true,
           },

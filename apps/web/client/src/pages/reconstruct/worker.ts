@@ -22,7 +22,7 @@ const scope = globalThis as unknown as {
 
 async function fileAt(address: string): Promise<Response> {
   const response = await fetch(address, { credentials: 'same-origin' });
-  if (!response.ok) throw new Error(`The server answered ${response.status} for a file of the model.`);
+  if (!response.ok) throw new Error(`The server returned ${response.status} for a file of the model.`);
   return response;
 }
 
@@ -54,7 +54,7 @@ if (scope.document === undefined) {
 }
 
 // Reads beside the page. Where there are no workers of modules, in the page.
-function readBeside(order: Order, stop: AbortSignal): Promise<Result> {
+function readInWorker(order: Order, stop: AbortSignal): Promise<Result> {
   let worker: Worker;
   try {
     worker = new Worker(import.meta.url, { type: 'module' });
@@ -83,8 +83,8 @@ function readBeside(order: Order, stop: AbortSignal): Promise<Result> {
 }
 
 export const readModel = (cameras: string, images: string, points: string, stop: AbortSignal) =>
-  readBeside({ what: 'model', files: [cameras, images, points] }, stop) as Promise<Model>;
+  readInWorker({ what: 'model', files: [cameras, images, points] }, stop) as Promise<Model>;
 export const readCloud = (ply: string, stop: AbortSignal) =>
-  readBeside({ what: 'cloud', files: [ply] }, stop) as Promise<Cloud>;
+  readInWorker({ what: 'cloud', files: [ply] }, stop) as Promise<Cloud>;
 export const readSurface = (glb: string, stop: AbortSignal) =>
-  readBeside({ what: 'surface', files: [glb] }, stop) as Promise<Surface>;
+  readInWorker({ what: 'surface', files: [glb] }, stop) as Promise<Surface>;

@@ -102,7 +102,7 @@ export function StateView({ id }: { id: string }) {
           caption="State"
           hideCaption
           columns={[
-            { name: 'What', show: (row) => row.name },
+            { name: 'Field', show: (row) => row.name },
             { name: 'Value', show: (row) => row.value },
           ]}
           rows={rows}
@@ -132,7 +132,7 @@ function useRecorder(canvas: { current: HTMLCanvasElement | null }, name: string
     const one = canvas.current;
     if (!one || !('captureStream' in one) || typeof MediaRecorder === 'undefined') {
       toast(
-        'This browser cannot record the image. "Copy as command" with -o FILE.mp4 records on the server.',
+        'This browser cannot record the image. To record on the server, copy the command and add -o FILE.mp4.',
         'problem',
       );
       return;
@@ -179,7 +179,7 @@ function ChangeFlags(props: {
   const verb = help.value?.verbs.find((one) => one.verb === session.verb);
   return (
     <Dialog title="Change the settings" open={props.open} onClose={props.onClose} wide>
-      <p>The session ends and starts again with these.</p>
+      <p>The session restarts with these settings.</p>
       {verb && (
         <FlagFields
           verb={verb}
@@ -207,7 +207,7 @@ function ChangeFlags(props: {
             }
           }}
         >
-          Start again with these
+          Restart with these settings
         </AsyncButton>
       </div>
     </Dialog>
@@ -322,7 +322,7 @@ function SessionOf({ id, onlyImage }: { id: string; onlyImage: boolean }) {
           <Notice kind={session.error || ended?.error ? 'problem' : 'info'}>
             <p>{ended?.error || session.error || 'The session ended.'}</p>
             <AsyncButton small run={restart}>
-              Start it again
+              Restart
             </AsyncButton>
           </Notice>
         )}
@@ -389,7 +389,8 @@ function SessionOf({ id, onlyImage }: { id: string; onlyImage: boolean }) {
               <GroupedSliders id={id} sliders={sliders} />
               <ActionButtons id={id} verb={session.verb} actions={actions} />
               <p class="field-help">
-                Keys work while the image has the focus: click it, or reach it with Tab. Tab leaves it again.
+                Keys work while the image has the focus. Click the image or press Tab to focus it. Press Tab
+                again to leave it.
               </p>
             </>
           )}
@@ -399,15 +400,15 @@ function SessionOf({ id, onlyImage }: { id: string; onlyImage: boolean }) {
           {tab === 'state' && <StateView id={id} />}
           {tab === 'log' && (
             <pre class="log" tabIndex={0} aria-label="Log">
-              {session.log?.join('\n') || 'Nothing was logged.'}
+              {session.log?.join('\n') || 'The log is empty.'}
             </pre>
           )}
           {tab === 'command' && (
             <>
-              <p>The same on the studio’s machine, in a window:</p>
+              <p>To run the same in a window on the studio’s machine:</p>
               <CommandLine text={session.command} />
               <p class="faint">
-                Seen by {session.viewers} {session.viewers === 1 ? 'viewer' : 'viewers'}, {session.frames}{' '}
+                Shown to {session.viewers} {session.viewers === 1 ? 'viewer' : 'viewers'}, {session.frames}{' '}
                 images so far.
               </p>
             </>

@@ -28,7 +28,7 @@ export function KeyTable(props: { verb: string; actions: Action[]; reserved: Rea
     setSaid(
       setKeys(props.verb, next)
         ? what
-        : `${what} This browser stores nothing: it holds until the page is closed.`,
+        : `${what} This browser stores no settings: the change is lost when the page is closed.`,
     );
   };
   const press = (action: Action, event: KeyboardEvent) => {
@@ -44,13 +44,13 @@ export function KeyTable(props: { verb: string; actions: Action[]; reserved: Rea
     const code = sessionKey(event);
     if (code === null || keyName(code) === '') {
       setProblem(
-        'This key cannot be used: take a letter, a digit, a sign, an arrow, Space, Enter or Delete.',
+        'This key cannot be used. Use a letter, a digit, a symbol, an arrow key, Space, Enter or Delete.',
       );
       return;
     }
-    const trouble = problemOfKey(code, action.name, props.actions, own, props.reserved);
-    if (trouble) {
-      setProblem(trouble);
+    const error = problemOfKey(code, action.name, props.actions, own, props.reserved);
+    if (error) {
+      setProblem(error);
       return;
     }
     setWaiting(null);
@@ -60,7 +60,8 @@ export function KeyTable(props: { verb: string; actions: Action[]; reserved: Rea
   return (
     <div class="stack keys">
       <p class="field-help">
-        Choose a key, then press another. They are kept in this browser, for all sessions of "{props.verb}".
+        Select a key, then press its replacement. The keys are stored in this browser for all sessions of "
+        {props.verb}".
       </p>
       {problem && <Notice kind="problem">{problem}</Notice>}
       <p aria-live="polite" class={said ? undefined : 'unseen'}>
@@ -87,7 +88,7 @@ export function KeyTable(props: { verb: string; actions: Action[]; reserved: Rea
                     }}
                     aria-label={
                       isWaiting
-                        ? `Press a key for ${action.help || action.name}; Escape leaves it as it is`
+                        ? `Press a key for ${action.help || action.name}; Escape cancels`
                         : `Key of ${action.help || action.name}: ${name}. Change it`
                     }
                     onClick={() => {
@@ -106,9 +107,9 @@ export function KeyTable(props: { verb: string; actions: Action[]; reserved: Rea
                       kind="quiet"
                       aria-label={`Reset to ${keyName(action.key) || 'no key'}: ${action.help || action.name}`}
                       onClick={() => {
-                        const trouble = problemOfKey(action.key, action.name, props.actions, own, new Set());
-                        if (action.key > 0 && trouble) setProblem(trouble);
-                        else keep(withKey(own, action, null), 'It has the key of the program again.');
+                        const error = problemOfKey(action.key, action.name, props.actions, own, new Set());
+                        if (action.key > 0 && error) setProblem(error);
+                        else keep(withKey(own, action, null), 'The default key was restored.');
                       }}
                     >
                       Reset
@@ -127,7 +128,7 @@ export function KeyTable(props: { verb: string; actions: Action[]; reserved: Rea
         <Button
           small
           disabled={changed.length === 0}
-          onClick={() => keep({}, 'All keys are those of the program.')}
+          onClick={() => keep({}, 'All default keys were restored.')}
         >
           Reset all keys
         </Button>

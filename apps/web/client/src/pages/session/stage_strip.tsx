@@ -72,7 +72,9 @@ export function StageStrip({ id }: { id: string }) {
       {error && <Notice kind="problem">{error}</Notice>}
       {list.length === 0 && !error && (
         <p class="faint">
-          {waited ? 'The stages come with the next frame; go on if it is paused.' : 'Asking for the stages.'}
+          {waited
+            ? 'The stages appear with the next frame. If the session is paused, resume it.'
+            : 'Loading the stages.'}
         </p>
       )}
       {list.length > 0 && (
@@ -82,7 +84,7 @@ export function StageStrip({ id }: { id: string }) {
               <li key={`${index} ${stage.name}`}>
                 <button
                   type="button"
-                  aria-label={`Stage ${index + 1}, ${stage.name}: larger`}
+                  aria-label={`Enlarge stage ${index + 1}, ${stage.name}`}
                   onClick={() => setChosen(stage.name)}
                 >
                   <img src={stage.address} alt="" width={stage.width} height={stage.height} />
@@ -94,7 +96,7 @@ export function StageStrip({ id }: { id: string }) {
             ))}
           </ol>
           <p class="field-help">
-            {list.length} stages of frame {frame}, in their order.
+            {list.length} stages of frame {frame}, in processing order.
           </p>
         </>
       )}

@@ -19,15 +19,15 @@ export function cleanName(text: string): string {
 }
 
 // A file name that is safe in a set: no folders, and none twice.
-export function fileName(name: string, taken: Set<string>): string {
+export function fileName(name: string, usedNames: Set<string>): string {
   const base =
     (name.split(/[\\/]/).pop() ?? '').replace(/[^\p{L}\p{N}._ -]+/gu, '_').replace(/^\.+/, '') || 'file';
   let result = base;
-  for (let i = 2; taken.has(result.toLowerCase()); i++) {
+  for (let i = 2; usedNames.has(result.toLowerCase()); i++) {
     const dot = base.lastIndexOf('.');
     result = dot > 0 ? `${base.slice(0, dot)}-${i}${base.slice(dot)}` : `${base}-${i}`;
   }
-  taken.add(result.toLowerCase());
+  usedNames.add(result.toLowerCase());
   return result;
 }
 
@@ -44,8 +44,8 @@ export async function uploadAll(
   onState: (state: UploadState) => void,
 ): Promise<UploadState> {
   const state: UploadState = { done: 0, total: files.length, refused: [] };
-  const taken = new Set<string>();
-  const waiting = files.map((file) => ({ name: fileName(file.name, taken), body: file.body }));
+  const usedNames = new Set<string>();
+  const waiting = files.map((file) => ({ name: fileName(file.name, usedNames), body: file.body }));
   onState({ ...state });
   const work = async () => {
     for (let next = waiting.shift(); next; next = waiting.shift()) {

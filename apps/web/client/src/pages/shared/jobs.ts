@@ -85,8 +85,9 @@ export async function finishJob(
 
 export function problemOfJob(job: Job): string {
   if (job.state === 'cancelled') return 'The job was cancelled.';
-  if (job.state === 'interrupted') return 'The job was interrupted: the server ended. Start it again.';
-  return job.error || `The job ended with status ${job.exit ?? 'unknown'}. Its log says more.`;
+  if (job.state === 'interrupted')
+    return 'The job was interrupted because the server stopped. Start it again.';
+  return job.error || `The job failed with status ${job.exit ?? 'unknown'}. See its log.`;
 }
 
 function wait(ms: number, stop?: AbortSignal): Promise<void> {

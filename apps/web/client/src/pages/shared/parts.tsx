@@ -9,17 +9,17 @@ import { liveSession } from '../../live';
 import { Button, CommandLine, FileDrop, LiveStatus, LiveView, Notice, Progress, Select } from '../../ui';
 import { sendEvent } from '../../ui/live_view';
 import { attempt } from '../../ui/toast';
-import { cameraTrouble } from '../../viewer_camera';
+import { cameraError } from '../../viewer_camera';
 import { ownCamera, ownCameraBack } from './sessions';
 import { GroupedSliders } from './sliders';
 import { cleanName, setName, uploadAll, type UploadState } from './files';
 
 const kindNames: Record<Source['kind'], string> = {
   synth: 'Synthetic',
-  camera: 'Cameras of this machine',
-  allowed: 'Sources of this server',
-  viewer: 'Your own camera',
-  file: 'Uploaded files',
+  camera: 'Cameras of the studio’s machine',
+  allowed: 'Allowed sources',
+  viewer: 'Cameras of viewers',
+  file: 'Uploaded sets',
 };
 
 // One of the sources that the server knows. The page's own synthetic source comes first.
@@ -36,15 +36,15 @@ export function SourceSelect(props: {
   const options = all.map((one) => ({
     value: one.id,
     label: one.name,
-    group: kindNames[one.kind] ?? 'Others',
+    group: kindNames[one.kind] ?? 'Other',
   }));
   if (props.own) options.unshift({ value: props.own.id, label: props.own.name, group: kindNames.synth });
   options.push({ value: ownCamera, label: 'My camera', group: 'This device' });
-  options.push({ value: ownCameraBack, label: 'My camera, facing away', group: 'This device' });
+  options.push({ value: ownCameraBack, label: 'My rear camera', group: 'This device' });
   if (props.value !== '' && !options.some((one) => one.value === props.value)) {
-    options.push({ value: props.value, label: props.value, group: 'Others' });
+    options.push({ value: props.value, label: props.value, group: 'Other' });
   }
-  const trouble = props.value.startsWith(ownCamera) ? cameraTrouble() : '';
+  const error = props.value.startsWith(ownCamera) ? cameraError() : '';
   return (
     <>
       <Select
@@ -55,7 +55,7 @@ export function SourceSelect(props: {
         help={props.help}
         problem={sources.error}
       />
-      {trouble && <Notice>{trouble}</Notice>}
+      {error && <Notice>{error}</Notice>}
     </>
   );
 }
@@ -80,8 +80,8 @@ export function SetSource(props: {
         setUpload,
       );
       sets.again();
-      const taken = state.total - state.refused.length;
-      if (taken > 0) props.onSet(name, taken);
+      const uploaded = state.total - state.refused.length;
+      if (uploaded > 0) props.onSet(name, uploaded);
     });
   };
   const busy = upload !== null && upload.done < upload.total;
@@ -99,7 +99,7 @@ export function SetSource(props: {
       {busy && upload && <Progress label="Uploading" done={upload.done} total={upload.total} unit="files" />}
       {upload && upload.refused.length > 0 && (
         <Notice kind="problem">
-          <p>These files were not taken:</p>
+          <p>These files were rejected:</p>
           <ul>
             {upload.refused.map((one) => (
               <li key={one.name}>
@@ -111,10 +111,10 @@ export function SetSource(props: {
       )}
       {/* Always there, so that nothing moves when the sets become known. */}
       <Select
-        label="Or a set that is there"
+        label="Or an existing set"
         value=""
         options={[
-          { value: '', label: known.length > 0 ? 'Choose a set' : 'None is there yet' },
+          { value: '', label: known.length > 0 ? 'Choose a set' : 'No sets yet' },
           ...known.map((one) => ({ value: one.name, label: `${one.name} (${one.files} files)` })),
         ]}
         onChange={(name) => {
@@ -298,9 +298,9 @@ export function SessionPanel(props: {
         <Button kind={ended ? 'main' : 'plain'} onClick={() => void props.onEnd()}>
           {ended ? 'Close' : (props.end ?? 'End')}
         </Button>
-        <a href={`/session/${encodeURIComponent(props.id)}`}>Open as a session</a>
+        <a href={`/session/${encodeURIComponent(props.id)}`}>Open the session</a>
         <a href={api.snapshotAddress(props.id)} download="image.jpg">
-          Keep this image
+          Save this image
         </a>
       </div>
       {command !== '' && (

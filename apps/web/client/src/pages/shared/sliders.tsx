@@ -5,7 +5,7 @@ import { useSignalValue } from '../../hooks';
 import { liveSession } from '../../live';
 import { capital } from '../../format';
 import { Button, Slider } from '../../ui';
-import { acted, sendEvent } from '../../ui/live_view';
+import { actionCount, sendEvent } from '../../ui/live_view';
 import { groupsOf, type SliderGroup } from './slider_groups';
 
 const FIRST = 4; // of a group, where it is longer
@@ -44,7 +44,7 @@ function Group({ id, group }: { id: string; group: SliderGroup }) {
       <div class="row">
         {rest.length > 0 && (
           <Button small aria-expanded={all} onClick={() => setAll(!all)}>
-            {all ? 'The first alone' : `All ${group.sliders.length} modes of ${group.name}`}
+            {all ? 'Show fewer modes' : `All ${group.sliders.length} modes of ${group.name}`}
           </Button>
         )}
         <Button
@@ -54,7 +54,7 @@ function Group({ id, group }: { id: string; group: SliderGroup }) {
             for (const one of off) sendEvent(id, { slider: one.name, value: middleOf(one) });
           }}
         >
-          {capital(group.name)} to the middle
+          Reset {group.name}
         </Button>
       </div>
     </fieldset>
@@ -65,7 +65,7 @@ const middleOf = (slider: SliderInfo) => (slider.low + slider.high) / 2;
 
 function One({ id, slider }: { id: string; slider: SliderInfo }) {
   const state = useSignalValue(liveSession(id).state);
-  const actions = useSignalValue(acted);
+  const actions = useSignalValue(actionCount);
   return (
     <Slider
       round={actions}

@@ -26,7 +26,7 @@ export function Bench() {
       <section class="card stack" aria-labelledby="measure">
         <h2 id="measure">Measure this machine</h2>
         <Select
-          label="What"
+          label="Benchmark"
           value={name}
           options={benches.map((one) => ({ value: one.verb, label: one.verb.replace(/^bench /, '') }))}
           onChange={setName}
@@ -51,15 +51,15 @@ export function Bench() {
               }
             }}
           >
-            Start the bench
+            Start the benchmark
           </AsyncButton>
         </div>
         <p class="field-help">
-          It takes from a moment to some minutes. Whatever else runs on the machine makes it slower.
+          It takes between a few seconds and a few minutes. Other programs on this machine slow it down.
         </p>
         {jobs.jobs.length > 1 && (
           <Select
-            label="Earlier ones"
+            label="Earlier results"
             value={current ?? ''}
             options={jobs.jobs.map((one) => ({
               value: one.id,
@@ -78,7 +78,9 @@ export function Bench() {
 function Results({ job }: { job: Job }) {
   const rows = benchRows(job.lines ?? ([] as Json[]));
   if (rows.length === 0)
-    return job.state === 'running' ? <p class="faint">Each case is shown when it is measured.</p> : null;
+    return job.state === 'running' ? (
+      <p class="faint">Each case is shown as soon as it is measured.</p>
+    ) : null;
   return (
     <Table
       caption={`${job.verb.replace(/^bench /, '')}: ${rows.length} cases`}

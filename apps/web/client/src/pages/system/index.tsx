@@ -8,7 +8,7 @@ import {
   Button,
   Confirm,
   Dialog,
-  Moment,
+  Timestamp,
   Notice,
   PageHead,
   Table,
@@ -38,8 +38,8 @@ function nameOf(key: string): string {
   const words = key
     .replace(/_(bytes|s)$/, '')
     .replaceAll('_', ' ')
-    .replace(/^file$/, 'a file, at most')
-    .replace(/^pixels$/, 'an image, at most')
+    .replace(/^file$/, 'maximum size of a file')
+    .replace(/^pixels$/, 'maximum size of an image')
     .replace('simd', 'vector instructions')
     .replace('tls', 'TLS (https)');
   return words.charAt(0).toUpperCase() + words.slice(1);
@@ -74,7 +74,7 @@ function Machine() {
           key={caption}
           caption={caption}
           columns={[
-            { name: 'What', show: (row: Row) => row.name },
+            { name: 'Property', show: (row: Row) => row.name },
             { name: 'Value', show: (row: Row) => row.value },
           ]}
           rows={rowsOf(value)}
@@ -93,10 +93,10 @@ function Doctor() {
     <>
       {doctor.error && <Notice kind="problem">{doctor.error}</Notice>}
       <Table
-        caption="What this machine has, and what to do about what it lacks"
+        caption="Checks of this machine, with advice on problems"
         columns={[
           {
-            name: 'Finding',
+            name: 'Result',
             show: (one) => (
               <span
                 class={`chip ${one.finding === 'ok' ? 'chip-good' : one.finding === 'note' ? 'chip-info' : 'chip-bad'}`}
@@ -106,7 +106,7 @@ function Doctor() {
             ),
           },
           { name: 'Area', show: (one) => one.area },
-          { name: 'What', show: (one) => one.name },
+          { name: 'Check', show: (one) => one.name },
           {
             name: 'Value',
             show: (one) => (
@@ -119,7 +119,7 @@ function Doctor() {
         ]}
         rows={findings}
         keyOf={(one) => `${one.area} ${one.name}`}
-        empty={doctor.loading ? 'Loading' : 'No findings.'}
+        empty={doctor.loading ? 'Loading' : 'No checks.'}
       />
       <Button small onClick={doctor.again} busy={doctor.loading}>
         Check again
@@ -160,7 +160,7 @@ function Models() {
           { name: 'Type and version', show: (model) => `${model.type} ${model.version}` },
           { name: 'Size', number: true, show: (model) => bytesText(model.bytes) },
           {
-            name: 'Whose',
+            name: 'Origin',
             show: (model) =>
               model.own ? (
                 <>
@@ -168,10 +168,10 @@ function Models() {
                   {model.sha256 && <span class="faint wrap">SHA-256 {model.sha256.slice(0, 12)}…</span>}{' '}
                   <Button
                     small
-                    aria-label={`Back to what ships for ${model.name}`}
+                    aria-label={`Restore the shipped model ${model.name}`}
                     onClick={() => setRemoved(model.name)}
                   >
-                    Back to what ships
+                    Restore the shipped model
                   </Button>
                 </>
               ) : (
@@ -197,7 +197,7 @@ function Models() {
             if (answer) {
               setVerified(
                 answer.exit === 0
-                  ? 'All files are as they were shipped, or installed (SHA-256).'
+                  ? 'No file was changed since it was shipped or installed (SHA-256).'
                   : answer.error || differing(answer.lines),
               );
             }
@@ -208,8 +208,8 @@ function Models() {
         <span aria-live="polite">{verified}</span>
       </div>
       <Confirm
-        title={`Back to the ${removed} that ships?`}
-        text="Your own model is removed from the models of the studio; the job that made it keeps its file."
+        title={`Restore the shipped model ${removed}?`}
+        text="Your own model is removed from the models of the studio. The job that trained it keeps its file."
         yes="Remove my model"
         open={removed !== ''}
         onClose={() => setRemoved('')}
@@ -221,7 +221,7 @@ function Models() {
       />
       <Dialog title={shown?.name ?? 'Model'} open={shown !== null} onClose={() => setShown(null)} wide>
         {(shown?.lines ?? []).map((line, index) => (
-          <ModelFacts key={index} line={line} />
+          <ModelDetails key={index} line={line} />
         ))}
       </Dialog>
     </>
@@ -235,10 +235,10 @@ function differing(lines: Json[]): string {
       ? [`${cellText(line['name'])} ${cellText(line['problem'])}`]
       : [],
   );
-  return names.length > 0 ? `${names.join('; ')}.` : 'A file differs.';
+  return names.length > 0 ? `${names.join('; ')}.` : 'A file was changed.';
 }
 
-function ModelFacts({ line }: { line: Json }) {
+function ModelDetails({ line }: { line: Json }) {
   if (line === null || typeof line !== 'object' || Array.isArray(line)) return <p>{cellText(line)}</p>;
   const text = Object.entries(line).filter(([, value]) => typeof value === 'string' && value.includes('\n'));
   const rest = Object.fromEntries(
@@ -247,10 +247,10 @@ function ModelFacts({ line }: { line: Json }) {
   return (
     <>
       <Table
-        caption="Facts"
+        caption="Model details"
         hideCaption
         columns={[
-          { name: 'What', show: (row: Row) => row.name },
+          { name: 'Property', show: (row: Row) => row.name },
           { name: 'Value', show: (row: Row) => row.value },
         ]}
         rows={rowsOf(rest)}
@@ -273,17 +273,17 @@ export function auditRows(answer: { [name: string]: Json }): { [name: string]: J
 }
 
 const auditColumns: Record<string, string> = {
-  time: 'When',
-  event: 'What',
-  what: 'Of what',
-  count: 'How many',
-  address: 'From',
+  time: 'Time',
+  event: 'Event',
+  what: 'Subject',
+  count: 'Count',
+  address: 'Address',
   browser: 'Browser',
   sign_in: 'Sign-in',
 };
 
 function auditCell(name: string, value: Json) {
-  if (name === 'time' && typeof value === 'string') return <Moment at={value} />;
+  if (name === 'time' && typeof value === 'string') return <Timestamp at={value} />;
   return value === null ? '' : cellText(value);
 }
 
@@ -295,14 +295,14 @@ function Audit() {
     <>
       {audit.error && <Notice kind="problem">{audit.error}</Notice>}
       <Table
-        caption="Who signed in, enrolled, forgot, exported; newest first. It holds no images and no features of faces."
+        caption="Sign-ins, enrolments, deletions and exports, newest first. The log contains no images and no face templates."
         columns={names.map((name) => ({
           name: auditColumns[name] ?? capital(name.replaceAll('_', ' ')),
           show: (row: { [name: string]: Json }) => auditCell(name, row[name] ?? null),
         }))}
         rows={rows}
         keyOf={(_, index) => index}
-        empty={audit.loading ? 'Loading' : 'Nothing yet.'}
+        empty={audit.loading ? 'Loading' : 'No events yet.'}
       />
     </>
   );
@@ -345,7 +345,7 @@ function Disk() {
     <>
       {error && <Notice kind="problem">{error}</Notice>}
       <Table
-        caption="Sets of uploaded files, and files that stay between runs"
+        caption="Uploaded sets, and permanent files of the workspace"
         columns={[
           {
             name: 'Name',
@@ -371,12 +371,12 @@ function Disk() {
         ]}
         rows={rows}
         keyOf={(row) => row.key}
-        empty={sets.loading || states.loading ? 'Loading' : 'Nothing is kept yet.'}
+        empty={sets.loading || states.loading ? 'Loading' : 'Nothing is stored yet.'}
       />
-      <p class="faint">Jobs and their files are on the first page; removing a job removes its files.</p>
+      <p class="faint">Jobs and their files are on the home page. Removing a job removes its files.</p>
       <Confirm
         title={`Remove ${asked?.name ?? ''}?`}
-        text="It is deleted from the disk. This cannot be undone. People are forgotten on the page People, which proves it."
+        text="It is deleted from the disk. This cannot be undone. To delete the data of a person with proof, use the page People."
         yes="Remove it"
         open={asked !== null}
         onClose={() => setAsked(null)}
@@ -398,7 +398,7 @@ export function System() {
   const [tab, setTab] = useState('machine');
   return (
     <>
-      <PageHead title="System" text="The machine, its models, and who did what.">
+      <PageHead title="System" text="The machine, its models, its files, sign-ins and the audit log.">
         <AsyncButton run={() => attempt(api.signOut)}>Sign out</AsyncButton>
       </PageHead>
       <Tabs
@@ -409,7 +409,7 @@ export function System() {
           { id: 'machine', label: 'Machine' },
           { id: 'doctor', label: 'Checks' },
           { id: 'models', label: 'Models' },
-          { id: 'bench', label: 'Bench' },
+          { id: 'bench', label: 'Benchmarks' },
           { id: 'disk', label: 'Disk' },
           { id: 'sign-ins', label: 'Sign-ins' },
           { id: 'audit', label: 'Audit log' },

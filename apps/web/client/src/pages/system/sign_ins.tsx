@@ -3,7 +3,7 @@ import { useState } from 'preact/hooks';
 import { api, type SignIn } from '../../api';
 import { timeText } from '../../format';
 import { useEvery, useLoad } from '../../hooks';
-import { Button, CommandLine, Confirm, Moment, Notice, Table } from '../../ui';
+import { Button, CommandLine, Confirm, Timestamp, Notice, Table } from '../../ui';
 import { attempt, toast } from '../../ui/toast';
 
 type Asked = { kind: 'one'; row: SignIn } | { kind: 'others' } | { kind: 'token' };
@@ -11,17 +11,17 @@ type Asked = { kind: 'one'; row: SignIn } | { kind: 'others' } | { kind: 'token'
 const TEXTS = {
   one: {
     title: 'Sign this browser out?',
-    text: 'It sees nothing more of the studio, also in pages that are open. With a new link it comes in again.',
+    text: 'It loses access to the studio, also in open pages. It can sign in again with a new link.',
     yes: 'Sign it out',
   },
   others: {
     title: 'Sign all others out?',
-    text: 'Only this browser stays signed in. Links that were printed and not opened hold no longer.',
+    text: 'Only this browser stays signed in. Printed links that were not opened become invalid.',
     yes: 'Sign them out',
   },
   token: {
     title: 'Make a new token?',
-    text: 'Programs with the token of before are refused from now on.',
+    text: 'Programs that use the old token are refused from now on.',
     yes: 'Make a new token',
   },
 };
@@ -40,10 +40,10 @@ export function SignIns() {
         await api.revokeSignIn(what.row.id);
         if (what.row.own)
           await api.session(); // shows the page for signing in
-        else toast('It is signed out.');
+        else toast('The browser was signed out.');
       } else if (what.kind === 'others') {
         const { revoked } = await api.revokeOtherSignIns();
-        toast(revoked === 1 ? 'One browser is signed out.' : `${revoked} browsers are signed out.`);
+        toast(revoked === 1 ? 'One browser was signed out.' : `${revoked} browsers were signed out.`);
       } else {
         setToken((await api.renewApiToken()).token);
       }
@@ -55,7 +55,7 @@ export function SignIns() {
     <div class="stack">
       {loaded.error && <Notice kind="problem">{loaded.error}</Notice>}
       <Table
-        caption="Browsers that are signed in, the one that was used last first"
+        caption="Signed-in browsers, last used first"
         columns={[
           {
             name: 'Browser',
@@ -65,18 +65,18 @@ export function SignIns() {
               </span>
             ),
           },
-          { name: 'Signed in', show: (row) => <Moment at={row.began} /> },
-          { name: 'From', show: (row) => row.address || 'unknown' },
+          { name: 'Signed in', show: (row) => <Timestamp at={row.began} /> },
+          { name: 'Address', show: (row) => row.address || 'unknown' },
           {
             name: 'Last used',
             show: (row) => (
               <>
-                <Moment at={row.used} />
+                <Timestamp at={row.used} />
                 {row.used_from !== '' && row.used_from !== row.address ? `, from ${row.used_from}` : ''}
               </>
             ),
           },
-          { name: 'Holds until', show: (row) => <Moment at={row.ends} /> },
+          { name: 'Expires', show: (row) => <Timestamp at={row.ends} /> },
           {
             name: 'Sign out',
             show: (row) => (
@@ -93,7 +93,7 @@ export function SignIns() {
         ]}
         rows={rows}
         keyOf={(row) => row.id}
-        empty={loaded.loading ? 'Loading' : 'Nobody.'}
+        empty={loaded.loading ? 'Loading' : 'No sign-ins.'}
       />
       <div class="row">
         <Button disabled={others === 0} onClick={() => setAsked({ kind: 'others' })}>
@@ -109,7 +109,7 @@ export function SignIns() {
         </p>
         {token !== '' && (
           <Notice kind="good">
-            <p>The new token, shown once here and kept in that file:</p>
+            <p>The new token. It is shown only once here and stored in that file:</p>
             <CommandLine text={token} label="Token" />
           </Notice>
         )}
@@ -117,7 +117,7 @@ export function SignIns() {
           <Button onClick={() => setAsked({ kind: 'token' })}>Make a new token</Button>
         </div>
       </section>
-      <p class="field-help">The audit log has each sign-in, each that was ended, and each new token.</p>
+      <p class="field-help">The audit log records each sign-in, each sign-out and each new token.</p>
       <Confirm
         title={text.title}
         text={text.text}

@@ -106,13 +106,13 @@ export function compare(mine: unknown, shipped: unknown): Comparison[] {
 }
 
 /** How a model did beside the one that ships, in one sentence; '' where nothing can be compared. */
-export function verdictOf(rows: readonly Comparison[]): string {
-  const judged = rows.filter((row) => row.better !== null);
-  if (judged.length === 0) return '';
-  const count = (which: Comparison['better']) => judged.filter((row) => row.better === which).length;
+export function comparisonText(rows: readonly Comparison[]): string {
+  const compared = rows.filter((row) => row.better !== null);
+  if (compared.length === 0) return '';
+  const count = (which: Comparison['better']) => compared.filter((row) => row.better === which).length;
   const [mine, shipped, same] = [count('mine'), count('shipped'), count('same')];
   const equal = same > 0 ? `, equal in ${same}` : '';
-  return `Of ${judged.length} figures the new model is better in ${mine}, what ships in ${shipped}${equal}.`;
+  return `Of ${compared.length} figures the new model is better in ${mine}, the shipped model in ${shipped}${equal}.`;
 }
 
 function numbersOf(value: unknown, prefix = '', into = new Map<string, number>()): Map<string, number> {

@@ -10,9 +10,17 @@ import { finishJob, isOver, useJob } from '../shared/jobs';
 import { SetSource } from '../shared/parts';
 import { Chart } from './chart';
 import { addSample, progressSeries, seriesOf, type Sample } from './curves';
-import { Judge } from './judge';
+import { Evaluate } from './evaluate';
 import { InstallModel } from './install';
-import { dataOfJob, drawRequest, placeOf, trainRequest, trainVerbs, wordFor, type DataKind } from './verbs';
+import {
+  dataOfJob,
+  synthRequest,
+  shippedModelOf,
+  trainRequest,
+  trainVerbs,
+  metricLabel,
+  type DataKind,
+} from './verbs';
 
 export function Train() {
   const where = useSignalValue(route);
@@ -22,14 +30,14 @@ export function Train() {
   return (
     <>
       <PageHead
-        title="Train and judge"
-        text="Models of your own data, how good they are, and how they compare with what ships."
+        title="Train and evaluate"
+        text="Train models on your own data, evaluate them, and compare them with the shipped models."
       />
       <Tabs
-        label="Train and judge"
+        label="Train and evaluate"
         tabs={[
           { id: 'train', label: 'Train' },
-          { id: 'judge', label: 'Judge' },
+          { id: 'evaluate', label: 'Evaluate' },
         ]}
         value={tab}
         onChange={setTab}
@@ -37,13 +45,13 @@ export function Train() {
         {tab === 'train' && (
           <TrainPart
             given={given}
-            onJudge={(model, verb, data) => {
+            onEvaluate={(model, verb, data) => {
               setMade({ model, verb, data });
-              setTab('judge');
+              setTab('evaluate');
             }}
           />
         )}
-        {tab === 'judge' && <Judge start={made} />}
+        {tab === 'evaluate' && <Evaluate start={made} />}
       </Tabs>
     </>
   );
@@ -79,7 +87,7 @@ export function DataSource(props: { kind: DataKind; value: string; onChange: (va
   const [round, setRound] = useState(0);
   const [drawing, setDrawing] = useState(false);
   const choices = useData(props.kind, round);
-  const draw = drawRequest(props.kind);
+  const draw = synthRequest(props.kind);
   const options = [{ value: '', label: 'Choose data' }, ...choices];
   if (props.value !== '' && !options.some((one) => one.value === props.value)) {
     options.push({ value: props.value, label: props.value });
@@ -91,7 +99,7 @@ export function DataSource(props: { kind: DataKind; value: string; onChange: (va
         <SetSource
           kind="plates"
           label="Or images with a table truth.csv"
-          help="Columns image, x, y, w, h, text. Images without a table show what is no plate."
+          help="The columns are image, x, y, w, h, text. Images without a table are examples without plates."
           accept="image/*,.csv"
           onSet={(set) => props.onChange(`set:${set}`)}
         />
@@ -116,14 +124,17 @@ export function DataSource(props: { kind: DataKind; value: string; onChange: (va
           >
             Try with synthetic data
           </Button>
-          {props.kind === 'points' && <a href="/annotate">Annotate images of your own</a>}
+          {props.kind === 'points' && <a href="/annotate">Annotate your own images</a>}
         </div>
       )}
     </div>
   );
 }
 
-function TrainPart(props: { given: string; onJudge: (model: string, verb: string, data: string) => void }) {
+function TrainPart(props: {
+  given: string;
+  onEvaluate: (model: string, verb: string, data: string) => void;
+}) {
   const [number, setNumber] = useState(0);
   const [data, setData] = useState(props.given);
   const [verbs, setVerbs] = useState<VerbHelp[]>([]);
@@ -141,7 +152,7 @@ function TrainPart(props: { given: string; onJudge: (model: string, verb: string
   return (
     <div class="split">
       <section class="card stack" aria-labelledby="what-to-train">
-        <h2 id="what-to-train">What to train</h2>
+        <h2 id="what-to-train">Model to train</h2>
         <Select
           label="Model"
           value={String(number)}
@@ -182,9 +193,9 @@ function TrainPart(props: { given: string; onJudge: (model: string, verb: string
       <section class="stack" aria-labelledby="training">
         <h2 id="training">Training</h2>
         {all.error && <Notice kind="problem">{all.error}</Notice>}
-        {shown === undefined && <p class="faint">Nothing was trained yet.</p>}
+        {shown === undefined && <p class="faint">No training yet.</p>}
         {shown !== undefined && (
-          <Training key={shown} id={shown} onChange={all.again} onJudge={props.onJudge} />
+          <Training key={shown} id={shown} onChange={all.again} onEvaluate={props.onEvaluate} />
         )}
         {all.jobs.length > 1 && (
           <Select
@@ -210,7 +221,7 @@ function dataOf(job: Job): string {
 function Training(props: {
   id: string;
   onChange: () => void;
-  onJudge: (model: string, verb: string, data: string) => void;
+  onEvaluate: (model: string, verb: string, data: string) => void;
 }) {
   const job = useJob(props.id);
   const [samples, setSamples] = useState<Sample[]>([]);
@@ -234,17 +245,17 @@ function Training(props: {
     <>
       <JobCard job={job} onChange={props.onChange} />
       {printed.length > 0 ? (
-        <Chart title="What the program measured" series={printed} x="" y="Now" />
+        <Chart title="Measured during the training" series={printed} x="" y="Value" />
       ) : (
         samples.length > 1 && (
-          <Chart title="How far, in % of each step" series={progressSeries(samples)} x="s" y="%" />
+          <Chart title="Progress of each step, %" series={progressSeries(samples)} x="s" y="%" />
         )
       )}
       {isOver(job) && numbers.length > 0 && (
         <dl class="state-list">
           {numbers.slice(0, 10).map(([name, value]) => (
             <div key={name}>
-              <dt>{wordFor(name)}</dt>
+              <dt>{metricLabel(name)}</dt>
               <dd>{Number.isInteger(value) ? value : value.toPrecision(4)}</dd>
             </div>
           ))}
@@ -254,19 +265,23 @@ function Training(props: {
         <div class="row">
           <Button
             kind="main"
-            onClick={() => props.onJudge(`job:${job.id}/${model.name}`, job.verb, dataOf(job))}
+            onClick={() => props.onEvaluate(`job:${job.id}/${model.name}`, job.verb, dataOf(job))}
           >
-            Judge it
+            Evaluate this model
           </Button>
           <a href={api.jobFileAddress(job.id, model.name)} download={model.name}>
             Download {model.name}
           </a>
         </div>
       )}
-      {job.state === 'done' && model && placeOf(job.verb) !== undefined && (
+      {job.state === 'done' && model && shippedModelOf(job.verb) !== undefined && (
         <details>
-          <summary>Install it without judging</summary>
-          <InstallModel model={`job:${job.id}/${model.name}`} place={placeOf(job.verb)!} verdict="" />
+          <summary>Install without an evaluation</summary>
+          <InstallModel
+            model={`job:${job.id}/${model.name}`}
+            place={shippedModelOf(job.verb)!}
+            comparison=""
+          />
         </details>
       )}
     </>

@@ -25,7 +25,7 @@ export async function installedModels(): Promise<InstalledModel[]> {
 
 // `model`: the reference of a file; `place`: the model that ships and whose place it takes. `verdict`: how they
 // compare, in words; '' where nobody compared them.
-export function InstallModel(props: { model: string; place: string; verdict: string }) {
+export function InstallModel(props: { model: string; place: string; comparison: string }) {
   const models = useLoad(installedModels, [props.place]);
   const [asked, setAsked] = useState(false);
   const [done, setDone] = useState<{ sha256: string; used_by: string } | null>(null);
@@ -46,27 +46,27 @@ export function InstallModel(props: { model: string; place: string; verdict: str
       if (answer.exit > 1) throw new Error(answer.error);
       setDone(null);
       models.again();
-      toast(`${props.place}: the model that ships is used again.`);
+      toast(`${props.place}: the shipped model is used again.`);
     });
   };
   return (
     <section class="card stack" aria-labelledby="install" data-own={now ? String(now.own) : ''}>
-      <h3 id="install">Use it in place of {props.place}</h3>
+      <h3 id="install">Install as {props.place}</h3>
       {models.error && <Notice kind="problem">{models.error}</Notice>}
-      {props.verdict && <p>{props.verdict}</p>}
+      {props.comparison && <p>{props.comparison}</p>}
       {done ? (
         <Notice kind="good">
           <p>
-            Installed as {props.place}. What starts from now on uses it: {done.used_by}. Sessions that run
-            keep the model they began with.
+            Installed as {props.place}. It is used by everything that starts from now on: {done.used_by}.
+            Running sessions keep their model.
           </p>
           <p class="wrap">SHA-256 {done.sha256}</p>
         </Notice>
       ) : (
         <p>
           {now?.own
-            ? `A model of your own is installed as ${props.place}; this one would take its place.`
-            : `The model that ships is used now.`}
+            ? `Another model of your own is installed as ${props.place}. This model would replace it.`
+            : `The shipped model is used now.`}
           {now?.used_by ? ` Used by: ${now.used_by}.` : ''}
         </p>
       )}
@@ -76,15 +76,15 @@ export function InstallModel(props: { model: string; place: string; verdict: str
             Install
           </AsyncButton>
         )}
-        {now?.own && <AsyncButton run={remove}>Back to what ships</AsyncButton>}
+        {now?.own && <AsyncButton run={remove}>Restore the shipped model</AsyncButton>}
       </div>
       <p class="field-help">
-        The file is read as its verbs read it before it is taken. It lies in the workspace; what ships is not
-        touched.
+        The file is checked before it is installed. It is stored in the workspace. The shipped model is not
+        changed.
       </p>
       <Confirm
         title={`Install as ${props.place}?`}
-        text={`${props.verdict ? props.verdict + ' ' : 'Nobody has compared them on the same data yet. '}All sessions, runs and jobs that start from now on use it.`}
+        text={`${props.comparison ? props.comparison + ' ' : 'The two models have not been compared on the same data. '}All sessions, runs and jobs that start from now on use it.`}
         yes="Install it"
         open={asked}
         onClose={() => setAsked(false)}

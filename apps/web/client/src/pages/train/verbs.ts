@@ -1,4 +1,4 @@
-// The verbs that train and judge, and what they take: pure.
+// The verbs that train and evaluate, and their inputs: pure.
 import type { Flags } from '../../api';
 import { capital, numberText, withUnit } from '../../format';
 
@@ -16,7 +16,7 @@ export interface TrainVerb {
 export const trainVerbs: readonly TrainVerb[] = [
   {
     verb: 'landmarks train tracker',
-    title: 'Points: a tracker, all parts in one file',
+    title: 'Landmarks: a tracker, all parts in one file',
     data: 'points',
     only: [
       '--hold-out',
@@ -34,14 +34,14 @@ export const trainVerbs: readonly TrainVerb[] = [
   },
   {
     verb: 'landmarks train shape',
-    title: 'Points: the shape model alone',
+    title: 'Landmarks: the shape model only',
     data: 'points',
     only: ['--hold-out', '--mirror', '--variance', '--modes'],
     output: 'shape.json',
   },
   {
     verb: 'landmarks train face-detector',
-    title: 'Points: a detector of what has them',
+    title: 'Landmarks: a detector of the annotated object',
     data: 'points',
     only: ['--hold-out', '--window', '--c', '--epsilon', '--upsample', '--mirror'],
     output: 'detector.json',
@@ -65,7 +65,7 @@ export const trainVerbs: readonly TrainVerb[] = [
   },
   {
     verb: 'pose train-head',
-    title: 'Head in 3D, of points of turned faces',
+    title: 'Head model in 3D, from landmarks of turned faces',
     data: 'points',
     only: ['--modes', '--iterations', '--outer-eye-mm', '--distance-mm'],
     output: 'head.json',
@@ -73,7 +73,7 @@ export const trainVerbs: readonly TrainVerb[] = [
   },
   {
     verb: 'pose train-view',
-    title: 'Correction of head poses, of images with known poses',
+    title: 'Head pose correction, from images with known poses',
     data: 'heads',
     only: ['--leave-out', '--components', '--angle-weight', '--ridge', '--focal'],
     output: 'view.json',
@@ -97,26 +97,26 @@ export const trainVerbs: readonly TrainVerb[] = [
   },
   {
     verb: 'people train',
-    title: 'People: learn the gallery again',
+    title: 'People: retrain on the gallery',
     data: 'gallery',
     only: ['--algorithm'],
     output: '',
   },
 ];
 
-export interface JudgeVerb {
+export interface EvalVerb {
   verb: string;
   title: string;
   data: DataKind;
   model: string; // the flag
-  trains: string; // the verb whose models it judges
+  trains: string; // the verb whose models it evaluates
   only: readonly string[];
 }
 
-export const judgeVerbs: readonly JudgeVerb[] = [
+export const evalVerbs: readonly EvalVerb[] = [
   {
     verb: 'landmarks eval',
-    title: 'Points',
+    title: 'Landmarks',
     data: 'points',
     model: '--model',
     trains: 'landmarks train tracker',
@@ -171,18 +171,18 @@ export function trainRequest(
 }
 
 // The name of the model that ships whose place a model of this training verb takes, or undefined.
-export const placeOf = (verb: string): string | undefined =>
+export const shippedModelOf = (verb: string): string | undefined =>
   trainVerbs.find((one) => one.verb === verb)?.place;
 
 // `model`: a reference; null for the one that ships, by its name, so that no model of the user's own is taken for it.
-export function judgeRequest(
-  verb: JudgeVerb,
+export function evalRequest(
+  verb: EvalVerb,
   data: string,
   model: string | null,
   flags: Flags,
 ): { inputs: string[]; flags: Flags } {
   const all: Flags = { ...flags };
-  const place = placeOf(verb.trains);
+  const place = shippedModelOf(verb.trains);
   if (model !== null) all[verb.model] = model;
   else if (place !== undefined) all[verb.model] = `model:${place}`;
   if (verb.verb === 'pose eval')
@@ -197,7 +197,7 @@ export function judgeRequest(
 }
 
 // The job that draws data of a kind, and the reference of its result.
-export function drawRequest(
+export function synthRequest(
   kind: DataKind,
 ): { verb: string; inputs: string[]; flags: Flags; result: string } | null {
   if (kind === 'points' || kind === 'heads') {
@@ -235,16 +235,16 @@ export function dataOfJob(kind: DataKind, files: readonly string[]): string[] {
 }
 
 // Units and words for the numbers that eval verbs print.
-const words: Record<string, string> = {
+const metricLabels: Record<string, string> = {
   image: 'Image',
   nme: 'Error, %',
-  dx: 'Right by, %',
-  dy: 'Down by, %',
-  error: 'Not explained',
-  text: 'Read',
+  dx: 'Offset to the right, %',
+  dy: 'Offset downwards, %',
+  error: 'Residual',
+  text: 'Reading',
   found: 'Found',
-  confidence: 'Sure',
-  edits: 'Characters off',
+  confidence: 'Confidence',
+  edits: 'Wrong characters',
   faces: 'Faces',
   missed: 'Not found',
   wrong: 'Another face',
@@ -256,48 +256,48 @@ const words: Record<string, string> = {
   roll: 'Roll, degrees',
   nme_mean: 'Mean error, % of the eye distance',
   nme_median: 'Median error, % of the eye distance',
-  nme_p90: 'Error that 90 % stay below, %',
+  nme_p90: '90th percentile of the error, %',
   failures: 'Share of failures',
   auc_8: 'Area under the curve up to 8 %',
   bias_x: 'Bias to the right, %',
   bias_y: 'Bias downwards, %',
   within: 'Share within the limit',
   limit: 'Limit, %',
-  iterations: 'Steps of a fit',
+  iterations: 'Iterations of a fit',
   ms: 'ms each',
   images: 'Images',
-  truth: 'Plates of the truth',
+  truth: 'True plates',
   recall: 'Share found',
-  prec: 'Share of finds that are plates',
+  prec: 'Share of detections that are plates',
   exact: 'Share read exactly',
   exact_o_as_0: 'Share read exactly, O as 0',
-  char: 'Share of characters right',
-  calibration_error: 'Error of the confidence',
-  median_ms: 'Milliseconds, median',
-  p90_ms: 'Milliseconds that 90 % stay below',
+  char: 'Share of correct characters',
+  calibration_error: 'Calibration error of the confidence',
+  median_ms: 'Median time, ms',
+  p90_ms: '90th percentile of the time, ms',
   answered: 'Answered',
-  pitch_mae: 'Mean error up and down, degrees',
-  yaw_mae: 'Mean error sideways, degrees',
-  roll_mae: 'Mean error of the roll, degrees',
-  rotation_mean: 'Mean error of the direction, degrees',
-  rotation_median: 'Median error of the direction, degrees',
+  pitch_mae: 'Mean pitch error, degrees',
+  yaw_mae: 'Mean yaw error, degrees',
+  roll_mae: 'Mean roll error, degrees',
+  rotation_mean: 'Mean rotation error, degrees',
+  rotation_median: 'Median rotation error, degrees',
   translation_percent: 'Error of the distance, %',
 };
 
-export const wordFor = (name: string): string => words[name] ?? capital(withUnit(name));
+export const metricLabel = (name: string): string => metricLabels[name] ?? capital(withUnit(name));
 
 // The same of one case, where the word of a set does not fit it.
-export const caseWordFor = (name: string): string =>
-  name === 'exact' ? 'Read exactly' : name === 'outcome' ? 'Outcome' : wordFor(name);
+export const caseLabel = (name: string): string =>
+  name === 'exact' ? 'Read exactly' : name === 'outcome' ? 'Outcome' : metricLabel(name);
 
 const outcomes = ['missed', 'wrong', 'lost', 'found'];
 // What is not known of a case where nothing was found; the program writes 0 then.
-const ofWhatIsFound = [
+const detectionColumns = [
   ...['text', 'confidence', 'edits', 'exact', 'nme', 'dx', 'dy', 'error', 'iterations'],
   ...['pitch', 'yaw', 'roll'],
 ];
 
-// Whether there is nothing to judge: no face, no plate.
+// Whether nothing was detected: no face, no plate.
 export const isMissed = (row: Record<string, string>): boolean => row.missed === '1' || row.found === '0';
 
 // The columns of a table of cases: what became of each is one column, behind the image.
@@ -314,15 +314,15 @@ export function caseCell(row: Record<string, string>, name: string): string {
     if (isMissed(row)) return 'not found';
     return row.wrong === '1' ? 'another face' : row.lost === '1' ? 'lost' : 'found';
   }
-  if (isMissed(row) && ofWhatIsFound.includes(name)) return '–';
+  if (isMissed(row) && detectionColumns.includes(name)) return '–';
   if (name === 'exact' || name === 'seen') return value === '1' ? 'yes' : 'no';
   if (name === 'confidence' && value !== '') return `${(100 * Number(value)).toFixed(0)} %`;
   return /^-?\d+\.\d{3,}$/.test(value) ? numberText(Number(value), 2) : value;
 }
 
 // Figures in an order that people expect: what is known above, the others by name.
-export function inOrder<T extends { name: string }>(rows: readonly T[]): T[] {
-  const order = Object.keys(words);
+export function sortMetrics<T extends { name: string }>(rows: readonly T[]): T[] {
+  const order = Object.keys(metricLabels);
   const place = (name: string) => (order.includes(name) ? order.indexOf(name) : order.length);
   return [...rows].sort((a, b) => place(a.name) - place(b.name) || a.name.localeCompare(b.name));
 }
