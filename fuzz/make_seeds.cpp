@@ -229,7 +229,6 @@ void plate_models() {
 
   CharacterReader characters;
   characters.symbols = "AB";
-  LinearModel machine;
   characters.kind = ReaderKind::kMlp;
   characters.thumbnail_size = 1;
   Mlp& net = characters.mlp;

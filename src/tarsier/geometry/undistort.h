@@ -14,7 +14,7 @@ namespace tarsier::geometry {
 // of 9. So fx, fy, cx and cy all change.
 // The border of a fisheye image may not be reachable by a plane. Its new image is limited to tan =
 // 1.8 (61 degrees) from the axis, with equal focal lengths. A camera without distortion is returned
-// unchanged. Throws std::invalid_argument for an invalid camera, and Error (kBadInput) if the
+// unchanged. Throws std::invalid_argument for an invalid camera, and Error (kInput) if the
 // distortion is not invertible everywhere in the image or if nothing remains between the borders.
 [[nodiscard]] Camera undistorted_camera(const Camera& camera);
 

@@ -33,7 +33,7 @@ export interface Info {
 
 export interface FlagHelp {
   names: string[];
-  positional: number | null;
+  positional: string | null;
   type: 'text' | 'switch' | 'integer' | 'number';
   choices: string[];
   suggestions: string[]; // words that a text may be, among other values

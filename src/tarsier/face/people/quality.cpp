@@ -104,7 +104,6 @@ Quality measure_quality(const cv::Mat& crop, const Eyes& eyes, const Eigen::Matr
   } else {
     // Turned faces differ from their mirror image even after light normalisation.
     cv::Mat normalized;
-    cv::divide(values, blurred + 8, normalized);
     cv::GaussianBlur(values, blurred, {}, 6);
     cv::divide(values, blurred + 8, normalized);
     cv::Mat mirrored;

@@ -27,7 +27,6 @@ using Eigen::Matrix2Xd;
 
 // An object with six points: discs on a plate, on a blotched background. It has any position and
 // size, and its parts move a little on their own.
-// size, and its parts move a little on their own.
 struct SyntheticObject {
   cv::Mat gray;
   Matrix2Xd points;

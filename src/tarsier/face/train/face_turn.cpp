@@ -91,11 +91,6 @@ Matrix2Xd project_points(const Matrix3Xd& head_in_camera, const geometry::Camera
   return points;
 }
 
-struct Vertices {
-  Matrix2Xd before;
-  Matrix2Xd after;
-};
-
 // The fixed ring, and corners far outside.
 Matrix2Xd fixed_ring_points(const Matrix2Xd& before, const Matrix2Xd& after, cv::Size image) {
   const Vector2d center = before.rowwise().mean();

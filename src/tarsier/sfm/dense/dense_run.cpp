@@ -60,7 +60,7 @@ void add_view(Digest& digest, const geometry::Camera& camera, const geometry::Ri
   for (const double number : geometry::packed(pose)) digest.add(number);
 }
 
-Model checked_model(const Model& model) {
+void check_dense_input(const Model& model) {
   for (const Image& image : model.images) {
     if (!image.registered) continue;
     image.pose.check();
@@ -71,7 +71,6 @@ Model checked_model(const Model& model) {
   }
   for (std::size_t p = 0; p < model.points.size(); ++p)
     TARSIER_REQUIRE(model.points[p].position.allFinite(), "point {} of the model", p);
-  return model;
 }
 
 class DenseRun {
@@ -113,7 +112,8 @@ class DenseRun {
   void undistort() {
     TARSIER_REQUIRE(!job_.folder.empty() && job_.path_of != nullptr,
                     "a job without folder or images");
-    const Model model = checked_model(job_.model);
+    const Model& model = job_.model;
+    check_dense_input(model);
     const auto registered = std::count_if(model.images.begin(), model.images.end(),
                                           [](const Image& one) { return one.registered; });
     if (registered < 2) {

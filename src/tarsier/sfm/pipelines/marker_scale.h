@@ -51,7 +51,7 @@ struct MarkerScale {
 // marker's images. A marker is left out where more images would have to go (e.g. an id that is in
 // the scene twice), or where its sides or diagonals differ by more than 10 %.
 //
-// `path_of` returns the file of an image of the model. Throws Error (kBadInput) where no marker can
+// `path_of` returns the file of an image of the model. Throws Error (kInput) where no marker can
 // be used, InputError for an image that cannot be read or whose size differs from its camera's,
 // Interrupted.
 [[nodiscard]] MarkerScale marker_scale(

@@ -92,7 +92,6 @@ void KeyframePicker::measure(Candidate& candidate) {
   track(reference_, candidate.gray, corners_, positions, forward_status);
   track(candidate.gray, reference_, positions, back, backward_status);
   std::vector<double> motions;
-  std::vector<cv::Point2f> shifts;
   const cv::Rect2f inside(0, 0, static_cast<float>(candidate.gray.cols),
                           static_cast<float>(candidate.gray.rows));
   for (std::size_t k = 0; k < corners_.size(); ++k) {
