@@ -121,7 +121,7 @@ void measure_nothing(Context& context, const std::vector<cv::Mat>& images, const
     planar::calibration::FindOptions options;
     if (live) {
       options.search_px = 480;
-      options.patient = false;
+      options.retry = false;
     }
     std::vector<double> times;
     for (const cv::Mat& image : images) {

@@ -168,7 +168,7 @@ bool is_grid_of_corners(const cv::Mat& gray, const cv::Size& grid,
   return 10 * crossings >= 8 * grid.area() && 10 * between <= 2 * grid.area();
 }
 
-bool search_chess(const cv::Mat& gray, const cv::Size& grid, bool patient,
+bool search_chess(const cv::Mat& gray, const cv::Size& grid, bool retry,
                   std::vector<cv::Point2f>& pixels) {
   const auto is_board = [&] {
     const cv::Mat even = evenly_lit(gray);
@@ -176,7 +176,7 @@ bool search_chess(const cv::Mat& gray, const cv::Size& grid, bool patient,
   };
   if (cv::findChessboardCornersSB(gray, grid, pixels, cv::CALIB_CB_NORMALIZE_IMAGE))
     return is_board();
-  if (!patient) return false;
+  if (!retry) return false;
   if (cv::findChessboardCornersSB(evenly_lit(gray), grid, pixels, 0) && is_board()) return true;
   // Without adaptive thresholds, which take seconds for a board of another size.
   return cv::findChessboardCorners(gray, grid, pixels, cv::CALIB_CB_FAST_CHECK) && is_board();
@@ -197,7 +197,7 @@ BoardView find_chess(const cv::Mat& full, const BoardSpec& spec, const FindOptio
   const Reduced reduced(full, options.search_px);
   std::vector<cv::Point2f> pixels;
   const cv::Mat searched = options.even_light ? evenly_lit(reduced.gray) : reduced.gray;
-  if (!search_chess(searched, spec.grid(), options.patient, pixels)) return {};
+  if (!search_chess(searched, spec.grid(), options.retry, pixels)) return {};
   for (cv::Point2f& p : pixels) p = reduced.full_of(p);
   const double spacing = min_spacing(pixels, spec.grid());
   if (!(spacing >= 4)) return {};
@@ -301,7 +301,7 @@ BoardView find_dots(const cv::Mat& full, const BoardSpec& spec, const FindOption
   std::vector<cv::Point2f> pixels;
   const std::vector<cv::Point2f> blobs =
       find_blobs(options.even_light ? evenly_lit(reduced.gray) : reduced.gray, 2 * needed + 40);
-  if (blobs.size() < needed && options.patient && !options.even_light) {
+  if (blobs.size() < needed && options.retry && !options.even_light) {
     FindOptions even = options;
     even.even_light = true;
     return find_dots(full, spec, even);
@@ -310,7 +310,7 @@ BoardView find_dots(const cv::Mat& full, const BoardSpec& spec, const FindOption
   const int flags =
       spec.kind == BoardKind::kCircles ? cv::CALIB_CB_ASYMMETRIC_GRID : cv::CALIB_CB_SYMMETRIC_GRID;
   bool found = cv::findCirclesGrid(blobs, spec.grid(), pixels, flags, nullptr);
-  if (!found && options.patient) {
+  if (!found && options.retry) {
     found =
         cv::findCirclesGrid(blobs, spec.grid(), pixels, flags | cv::CALIB_CB_CLUSTERING, nullptr);
   }

@@ -18,7 +18,7 @@ TEST(Dictionary, FindsEveryMarkerOfEveryFamilyInEveryTurn) {
         ASSERT_TRUE(match) << name << ' ' << id << ' ' << turn;
         EXPECT_EQ(match->id, id) << name;
         EXPECT_EQ(match->rotation, turn) << name;
-        code = turned_clockwise(code, dictionary.cells());
+        code = rotated_clockwise(code, dictionary.cells());
       }
       EXPECT_EQ(code, dictionary.code(id));
     }

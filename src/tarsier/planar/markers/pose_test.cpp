@@ -69,8 +69,8 @@ TEST(MarkerPose, ABoardIsSteadierThanItsMarkers) {
     const BoardMarker place{
         id, {0.05 * (id % 3) - 0.05, 0.05 * (id / 3)}, id == 2 ? 1.0 : 0.0, 0.04};
     board.push_back(place);
-    const geometry::Rigid3 on_board{geometry::rotation_by({0, 0, place.turn}),
-                                    {place.middle.x, place.middle.y, 0}};
+    const geometry::Rigid3 on_board{geometry::rotation_by({0, 0, place.rotation}),
+                                    {place.center.x, place.center.y, 0}};
     Marker marker;
     marker.id = id;
     marker.corners = seen(truth * on_board, 0.04, camera);
