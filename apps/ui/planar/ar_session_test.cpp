@@ -39,7 +39,7 @@ planar::MarkerTracker tracker() {
 ArSessionOptions options() {
   ArSessionOptions options;
   options.augment.mesh = std::make_shared<const render::Mesh>(
-      planar::augment::standing(render::make_sphere(16, {0.2F, 0.5F, 0.9F})));
+      planar::augment::upright_mesh(render::make_sphere(16, {0.2F, 0.5F, 0.9F})));
   return options;
 }
 

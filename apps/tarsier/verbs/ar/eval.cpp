@@ -96,7 +96,7 @@ std::map<std::string, planar::markers::ImageDetections> find_images(const EvalFl
         context.progress->advance();
         planar::markers::ImageDetections& entry = found[result.image];
         entry.ms = result.ms;
-        for (const planar::image_targets::FoundTarget& one : result.found) {
+        for (const planar::image_targets::DetectedTarget& one : result.found) {
           planar::markers::MarkerRecord& marker = entry.markers.emplace_back();
           marker.corners = one.corners;
           if (one.poses) marker.pose = one.poses->best.camera_from_plane;

@@ -127,14 +127,14 @@ TEST(Augment, TheLightStaysInTheWorldWhenItsSheetIsLost) {
 TEST(Standing, PutsAMeshUprightInTheMiddle) {
   render::Mesh tower = render::make_cube();  // y up: 1 wide, 4 high
   for (cv::Vec3f& p : tower.positions) p = {p[0] + 7, 4 * p[1] - 3, p[2]};
-  const render::Mesh mesh = standing(tower);
+  const render::Mesh mesh = upright_mesh(tower);
   const render::Bounds box = render::bounds_of(mesh);
   EXPECT_NEAR(box.low[2], 0, 1e-5);
   EXPECT_NEAR(box.high[2], 1.5, 1e-5);
   EXPECT_NEAR(box.high[0], 1.5 / 8, 1e-5);
   EXPECT_NEAR(box.low[0], -1.5 / 8, 1e-5);
-  EXPECT_NEAR(render::bounds_of(standing(tower, Up::kZ)).high[2], 0.25, 1e-5);
-  EXPECT_THROW((void)standing(render::Mesh{}), std::invalid_argument);
+  EXPECT_NEAR(render::bounds_of(upright_mesh(tower, Up::kZ)).high[2], 0.25, 1e-5);
+  EXPECT_THROW((void)upright_mesh(render::Mesh{}), std::invalid_argument);
   AugmentOptions options;
   options.object = Object::kMesh;
   EXPECT_THROW(options.check(), std::invalid_argument);

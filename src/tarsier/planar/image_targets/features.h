@@ -65,12 +65,12 @@ struct Description {
 };
 
 struct FeatureOptions {
-  int most = 1000;       // maximum number of points; a few have two orientations
-  double contrast = 12;  // grey levels: minimum square root of the Hessian's determinant
+  int max_features = 1000;  // maximum number of points; a few have two orientations
+  double contrast = 12;     // grey levels: minimum square root of the Hessian's determinant
   bool second_directions = true;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"most", most, range(10, 100'000)}, {"contrast", contrast, range(1, 255)}};
+    return {{"most", max_features, range(10, 100'000)}, {"contrast", contrast, range(1, 255)}};
   }
   void check() const { check_fields(*this); }
 };

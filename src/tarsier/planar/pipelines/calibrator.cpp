@@ -41,7 +41,7 @@ CalibrationImage image_of(const CalibratorState& state) {
 }
 
 // A camera has one image size: the most frequent one.
-cv::Size most_frequent_size(const CalibratorState& state) {
+cv::Size dominant_size(const CalibratorState& state) {
   std::map<std::pair<int, int>, int> counts;
   for (const cv::Size& size : state.sizes) ++counts[{size.width, size.height}];
   cv::Size best = state.size;
@@ -257,7 +257,7 @@ CalibrationResult Calibrator::calibrate(const CalibratorState& state,
   result.board = options_.board;
   result.images = state.images;
   result.views = state.views;
-  result.size = most_frequent_size(state);
+  result.size = dominant_size(state);
   for (CalibrationImage& image : result.images) {
     if (!image.found || state.sizes[image.view] == result.size) continue;
     const cv::Size& other = state.sizes[image.view];
