@@ -212,7 +212,7 @@ void measure_videos(Context& context, const std::vector<synth::PlanarPrint>& pri
   for (std::size_t which = 0; which < prints.size(); ++which) {
     synth::VideoOptions options;
     options.exposure = 0.35;
-    options.look.noise = 4;
+    options.imaging.noise = 4;
     options.seed = context.seed + which;
     const synth::PlanarVideo video = synth::print_video({prints[which]}, options);
     planar::image_targets::TrackState state;

@@ -20,17 +20,18 @@ TEST(SynthBoardsTest, PixelsAreMeansOverTheirArea) {
   const geometry::Camera camera{200, 200, 200, 200, 99.5, 99.5};
   geometry::Rigid3 pose;
   pose.translation = {-0.1, -0.1, 1};  // 20 px a pitch, the middle dot in the image's middle
-  BoardLook look;
-  look.blur_px = 0;
-  look.noise = 0;
-  look.fall_off = 0;
-  look.color = false;
-  const cv::Mat image = render_board(camera, pose, spec, look);
+  BoardAppearance appearance;
+  appearance.blur_px = 0;
+  appearance.noise = 0;
+  appearance.fall_off = 0;
+  appearance.color = false;
+  const cv::Mat image = render_board(camera, pose, spec, appearance);
   double dark = 0;
   cv::Point2d sum;
   for (int y = 90; y < 110; ++y) {
     for (int x = 90; x < 110; ++x) {
-      const double d = (look.paper - image.at<uchar>(y, x)) / (look.paper - look.ink);
+      const double d =
+          (appearance.paper - image.at<uchar>(y, x)) / (appearance.paper - appearance.ink);
       dark += d;
       sum += d * cv::Point2d(x, y);
     }

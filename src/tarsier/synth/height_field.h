@@ -2,12 +2,12 @@
 #pragma once
 
 #include "tarsier/core/rng.h"
-#include "tarsier/synth/relief_texture.h"
+#include "tarsier/synth/sfm_scene_texture.h"
 
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
 
-// The surface of relief.h.
+// The surface of sfm_scene.h.
 namespace tarsier::synth {
 
 constexpr double kReliefDepth = 2;  // units

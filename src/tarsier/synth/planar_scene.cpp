@@ -207,7 +207,7 @@ std::vector<std::optional<cv::Vec2f>> places_of(int count) {
 }
 
 // Light at every eighth pixel, enlarged: it has no detail.
-cv::Mat light_of(const PlanarLook& look, cv::Size size) {
+cv::Mat light_of(const ImagingConditions& imaging, cv::Size size) {
   constexpr int kStep = 8;
   const cv::Size small(size.width / kStep + 2, size.height / kStep + 2);
   cv::Mat light(small, CV_32FC1);
@@ -217,15 +217,16 @@ cv::Mat light_of(const PlanarLook& look, cv::Size size) {
     for (int i = 0; i < small.width; ++i) {
       const double x = i * kStep - 0.5 * size.width;
       const double y = j * kStep - 0.5 * size.height;
-      const double along = (x * std::cos(look.slope_angle) + y * std::sin(look.slope_angle)) / half;
-      const double beyond =
-          x * std::cos(look.shadow_angle) + y * std::sin(look.shadow_angle) - look.shadow_offset;
+      const double along =
+          (x * std::cos(imaging.slope_angle) + y * std::sin(imaging.slope_angle)) / half;
+      const double beyond = x * std::cos(imaging.shadow_angle) +
+                            y * std::sin(imaging.shadow_angle) - imaging.shadow_offset;
       const double out = std::hypot(x, y) / diagonal;
       light.at<float>(j, i) = static_cast<float>(
-          look.gain * std::max(0.0, 1 + 0.5 * look.slope * along) *
-          (1 - look.vignette * out * out) *
-          (1 -
-           look.shadow / (1 + std::exp(-std::clamp(4 * beyond / look.shadow_width, -50.0, 50.0)))));
+          imaging.gain * std::max(0.0, 1 + 0.5 * imaging.slope * along) *
+          (1 - imaging.vignette * out * out) *
+          (1 - imaging.shadow /
+                   (1 + std::exp(-std::clamp(4 * beyond / imaging.shadow_width, -50.0, 50.0)))));
     }
   }
   cv::Mat full;
@@ -243,7 +244,7 @@ void PlanarPrint::check() const {
   TARSIER_REQUIRE(part.width >= 0 && part.height >= 0, "part of {}x{} px", part.width, part.height);
 }
 
-void PlanarLook::check() const {
+void ImagingConditions::check() const {
   const auto within = [](double value, double least, double most, const char* name) {
     TARSIER_REQUIRE(value >= least && value <= most, "{} {} is not in {}..{}", name, value, least,
                     most);
@@ -425,8 +426,9 @@ PlanarScene::PlanarScene(const geometry::Camera& camera, std::vector<PlanarPrint
 const geometry::Camera& PlanarScene::camera() const { return parts_->camera; }
 const std::vector<PlanarPrint>& PlanarScene::prints() const { return parts_->prints; }
 
-cv::Mat PlanarScene::render(std::span<const PlanarShot> shots, const PlanarLook& look) const {
-  look.check();
+cv::Mat PlanarScene::render(std::span<const PlanarShot> shots,
+                            const ImagingConditions& imaging) const {
+  imaging.check();
   TARSIER_REQUIRE(!shots.empty() && shots.size() <= 64, "{} shots", shots.size());
   std::vector<std::vector<Layer>> moments;
   for (const PlanarShot& shot : shots) {
@@ -435,8 +437,8 @@ cv::Mat PlanarScene::render(std::span<const PlanarShot> shots, const PlanarLook&
     moments.push_back(parts_->layers(shot));
   }
   const cv::Size size(parts_->camera.width, parts_->camera.height);
-  const cv::Mat light = light_of(look, size);
-  const auto haze = static_cast<float>(look.haze);
+  const cv::Mat light = light_of(imaging, size);
+  const auto haze = static_cast<float>(imaging.haze);
   const int count = static_cast<int>(moments.size());
   const std::vector<std::optional<cv::Vec2f>> places = places_of(count);
   cv::Mat image(size, CV_8UC3);
@@ -463,9 +465,9 @@ cv::Mat PlanarScene::render(std::span<const PlanarShot> shots, const PlanarLook&
       }
     }
   });
-  if (look.defocus_px > 0.05) cv::GaussianBlur(image, image, {}, look.defocus_px);
-  if (!look.color) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);
-  add_noise(image, look.noise, look.seed);
+  if (imaging.defocus_px > 0.05) cv::GaussianBlur(image, image, {}, imaging.defocus_px);
+  if (!imaging.color) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);
+  add_noise(image, imaging.noise, imaging.seed);
   return image;
 }
 

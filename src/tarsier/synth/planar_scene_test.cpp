@@ -45,12 +45,12 @@ PlanarPrint square_print(double width) {
   return print;
 }
 
-PlanarLook clean() {
-  PlanarLook look;
-  look.noise = 0;
-  look.defocus_px = 0;
-  look.color = false;
-  return look;
+ImagingConditions clean() {
+  ImagingConditions imaging;
+  imaging.noise = 0;
+  imaging.defocus_px = 0;
+  imaging.color = false;
+  return imaging;
 }
 
 const cv::Mat& gray_ground() {
@@ -147,12 +147,12 @@ TEST(PlanarScene, CoversHideAndLightDims) {
   const auto truth = scene.truth(shot);
   ASSERT_EQ(truth.size(), 1U);  // the cover has no ground truth
   EXPECT_NEAR(truth[0].visible, 1 - 1.0 / 16, 0.02);
-  PlanarLook look = clean();
-  const cv::Mat full = scene.render(std::vector{shot}, look);
+  ImagingConditions imaging = clean();
+  const cv::Mat full = scene.render(std::vector{shot}, imaging);
   EXPECT_NEAR(full.at<uchar>(70, 209), 120, 2);
-  look.gain = 0.5;
-  look.haze = 10;
-  const cv::Mat dim = scene.render(std::vector{shot}, look);
+  imaging.gain = 0.5;
+  imaging.haze = 10;
+  const cv::Mat dim = scene.render(std::vector{shot}, imaging);
   EXPECT_NEAR(dim.at<uchar>(70, 209), 70, 2);
   EXPECT_NEAR(dim.at<uchar>(5, 5), 110, 2);
 }
@@ -178,9 +178,9 @@ TEST(PlanarScene, RefusesWhatDoesNotFit) {
   const PlanarScene scene(camera_of(), {square_print(0.1)}, gray_ground(), 1);
   EXPECT_THROW((void)scene.render({}, clean()), std::invalid_argument);
   EXPECT_THROW((void)scene.render(std::vector{above(1)}, clean()), std::invalid_argument);
-  PlanarLook look;
-  look.noise = -1;
-  EXPECT_THROW(look.check(), std::invalid_argument);
+  ImagingConditions imaging;
+  imaging.noise = -1;
+  EXPECT_THROW(imaging.check(), std::invalid_argument);
 }
 
 TEST(PlanarWorlds, StillsAreReproducible) {

@@ -48,7 +48,7 @@ double path_time(double time_s) {
 
 void VideoOptions::check() const {
   check_fields(*this);
-  look.check();
+  imaging.check();
 }
 
 PlanarVideo::PlanarVideo(std::vector<PlanarPrint> prints,
@@ -152,16 +152,16 @@ PlanarShot PlanarVideo::shot_at(double time_s) const {
 }
 
 cv::Mat PlanarVideo::image_at(double time_s) const {
-  PlanarLook look = options_.look;
-  look.gain *= 1 + options_.exposure * std::sin(kTurn * time_s / 5);
-  look.seed += static_cast<std::uint64_t>(std::llround(std::max(0.0, time_s) * 1e4));
+  ImagingConditions imaging = options_.imaging;
+  imaging.gain *= 1 + options_.exposure * std::sin(kTurn * time_s / 5);
+  imaging.seed += static_cast<std::uint64_t>(std::llround(std::max(0.0, time_s) * 1e4));
   const double open_s = options_.shutter / options_.fps;
   const double smear = motion_px(shot_at(time_s - 0.5 * open_s), shot_at(time_s + 0.5 * open_s));
   const int count = smear < 0.8 ? 1 : std::clamp(cvCeil(smear / 1.5) + 1, 4, 8);
   std::vector<PlanarShot> shots;
   for (int k = 0; k < count; ++k)
     shots.push_back(shot_at(time_s + open_s * ((k + 0.5) / count - 0.5)));
-  return scene_.render(shots, look);
+  return scene_.render(shots, imaging);
 }
 
 std::vector<PrintTruth> PlanarVideo::truth_at(double time_s) const {

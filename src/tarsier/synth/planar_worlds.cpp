@@ -33,25 +33,29 @@ geometry::Camera plain_camera(cv::Size size, double focal) {
   return camera;
 }
 
-PlanarLook random_look(PlanarLevel level, cv::Size size, Rng& rng) {
+ImagingConditions random_imaging(PlanarLevel level, cv::Size size, Rng& rng) {
   const bool easy = level == PlanarLevel::kEasy;
   const bool hard = level == PlanarLevel::kHard;
-  PlanarLook look;
-  look.gain = easy   ? rng.uniform(0.83, 1.1)
-              : hard ? rng.uniform(0.26, 0.87)
-                     : rng.uniform(0.5, 0.95);
-  look.slope = easy ? rng.uniform(0, 0.19) : hard ? rng.uniform(0.1, 0.92) : rng.uniform(0, 0.57);
-  look.slope_angle = rng.uniform(0, kTurn);
-  look.vignette = rng.uniform(0, 0.3);
-  look.shadow = easy ? 0 : rng.uniform(0, hard ? 0.7 : 0.38);
-  look.shadow_angle = rng.uniform(0, kTurn);
-  look.shadow_offset = 0.12 * size.width * rng.uniform(-1, 1);
-  look.shadow_width = rng.uniform(2, 40);
-  look.haze = rng.uniform(0.5, 20);
-  look.defocus_px = rng.uniform(0.05, easy ? 0.55 : hard ? 1.95 : 1.2);
-  look.noise = easy ? rng.uniform(0.6, 3) : hard ? rng.uniform(2.3, 14.5) : rng.uniform(0.5, 7.5);
-  look.seed = rng();
-  return look;
+  ImagingConditions imaging;
+  imaging.gain = easy   ? rng.uniform(0.83, 1.1)
+                 : hard ? rng.uniform(0.26, 0.87)
+                        : rng.uniform(0.5, 0.95);
+  imaging.slope = easy   ? rng.uniform(0, 0.19)
+                  : hard ? rng.uniform(0.1, 0.92)
+                         : rng.uniform(0, 0.57);
+  imaging.slope_angle = rng.uniform(0, kTurn);
+  imaging.vignette = rng.uniform(0, 0.3);
+  imaging.shadow = easy ? 0 : rng.uniform(0, hard ? 0.7 : 0.38);
+  imaging.shadow_angle = rng.uniform(0, kTurn);
+  imaging.shadow_offset = 0.12 * size.width * rng.uniform(-1, 1);
+  imaging.shadow_width = rng.uniform(2, 40);
+  imaging.haze = rng.uniform(0.5, 20);
+  imaging.defocus_px = rng.uniform(0.05, easy ? 0.55 : hard ? 1.95 : 1.2);
+  imaging.noise = easy   ? rng.uniform(0.6, 3)
+                  : hard ? rng.uniform(2.3, 14.5)
+                         : rng.uniform(0.5, 7.5);
+  imaging.seed = rng();
+  return imaging;
 }
 
 // Small rotations of the camera that blur the image by `px` along `angle`, symmetric about the
@@ -160,7 +164,7 @@ PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigi
   still.camera = camera;
   still.level = level;
   const cv::Size size(camera.width, camera.height);
-  still.look = random_look(level, size, rng);
+  still.imaging = random_imaging(level, size, rng);
   const bool moves = level != PlanarLevel::kEasy && rng.uniform() < 0.6;
   still.motion_px = moves ? rng.uniform(0, level == PlanarLevel::kHard ? 9 : 4) : 0;
   still.motion_angle = rng.uniform(0, kTurn);
@@ -176,7 +180,7 @@ PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigi
     shot.world_from_print.push_back(world_from_camera * pose);
   const PlanarScene scene(camera, std::move(prints), clutter_image(kGroundPx, rng()), 3.6);
   const auto shots = smeared(shot, still.motion_px, still.motion_angle, camera.fx);
-  still.image = scene.render(shots, still.look);
+  still.image = scene.render(shots, still.imaging);
   for (PrintTruth& truth : scene.truth(shot))
     if (is_inside(truth, size, 0)) still.truth.push_back(std::move(truth));
   return still;

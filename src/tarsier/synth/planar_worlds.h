@@ -22,7 +22,7 @@ struct PlanarStill {
   cv::Mat image;
   geometry::Camera camera;
   PlanarLevel level = PlanarLevel::kEasy;
-  PlanarLook look;
+  ImagingConditions imaging;
   double motion_px = 0;  // blur of a moving camera
   double motion_angle = 0;
   std::vector<PrintTruth> truth;  // only prints that are entirely inside the image
@@ -74,7 +74,7 @@ struct VideoOptions {
   bool cover = true;       // a hand sometimes passes over the prints
   bool distorted = false;  // a lens with k1 = -0.25
   // Its gain is multiplied by the variation; its seed is that of the first frame's noise.
-  PlanarLook look;
+  ImagingConditions imaging;
   std::uint64_t seed = 1;  // of ground and path
 
   [[nodiscard]] OptionFields fields() {

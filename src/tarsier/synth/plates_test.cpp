@@ -279,7 +279,7 @@ struct Painted {
   cv::Mat image{200, 600, CV_8UC3, cv::Scalar::all(250)};
   std::shared_ptr<const GlyphSet> glyphs = known_glyphs();
   Rng rng;
-  PlateLook look;
+  PlateStyle style;
 
   explicit Painted(std::uint64_t seed) : rng(seed) {}
   [[nodiscard]] PlatePainter painter() { return {image, 1.0, *glyphs, rng}; }
@@ -296,7 +296,7 @@ struct Painted {
 TEST(PlateOrnaments, CrestsStayWhereTheyArePainted) {
   for (std::uint64_t seed = 1; seed <= 30; ++seed) {
     Painted painted(seed);
-    crest(painted.painter(), painted.look, 300, 100, 30);
+    crest(painted.painter(), painted.style, 300, 100, 30);
     const cv::Rect where = painted.changed();
     EXPECT_GT(where.area(), 400) << seed;
     EXPECT_EQ(where & cv::Rect(262, 62, 77, 77), where) << seed;
@@ -307,11 +307,11 @@ TEST(PlateOrnaments, GhostsAreFainterThanCrests) {
   double most = 0;
   double ghosts = 0;
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
-    Painted faint(seed);
-    ghost(faint.painter(), faint.look, 300, 100);
-    ghosts = std::max(ghosts, faint.strongest());
+    Painted faded(seed);
+    ghost(faded.painter(), faded.style, 300, 100);
+    ghosts = std::max(ghosts, faded.strongest());
     Painted full(seed);
-    crest(full.painter(), full.look, 300, 100, 30);
+    crest(full.painter(), full.style, 300, 100, 30);
     most = std::max(most, full.strongest());
   }
   EXPECT_GT(ghosts, 20);
@@ -323,10 +323,10 @@ TEST(PlateOrnaments, SymbolsBesideTheTextEndOrBeginWhereTold) {
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     for (const bool ends : {false, true}) {
       Painted painted(seed);
-      const double width = aside_symbols(painted.painter(), painted.look, 300, 100, ends);
+      const double width = side_symbols(painted.painter(), painted.style, 300, 100, ends);
       const cv::Rect where = painted.changed();
       EXPECT_GT(where.height, 15) << seed;
-      EXPECT_LT(where.height, 0.7 * painted.look.cap) << seed;
+      EXPECT_LT(where.height, 0.7 * painted.style.cap) << seed;
       const double middle = where.x + where.width / 2.0;
       EXPECT_EQ(middle < 300, ends) << seed;
       EXPECT_LT(std::abs(middle - 300), width) << seed;

@@ -89,7 +89,7 @@ float rough(Vec p, int octaves) {
 }
 
 float distance_to(const Object& object, Vec world) {
-  const Vec p = object.to_own(world);
+  const Vec p = object.to_local(world);
   switch (object.kind) {
     case Kind::kApple: {  // radius 0.5, its centre 0.46 above the table
       const Vec q{p.x, p.y - 0.46F, p.z};

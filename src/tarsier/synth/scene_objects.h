@@ -82,7 +82,7 @@ struct Object {
   [[nodiscard]] bool is_sphere() const {
     return kind == Kind::kOrange || kind == Kind::kGrape || kind == Kind::kBall;
   }
-  [[nodiscard]] Vec to_own(Vec p) const {
+  [[nodiscard]] Vec to_local(Vec p) const {
     const Vec q = p - base;
     return {turn_cos * q.x + turn_sin * q.z, q.y, -turn_sin * q.x + turn_cos * q.z};
   }

@@ -28,7 +28,7 @@ const Vec kGold = srgb(206, 168, 84);
 Surface Scene::surface(const Hit& hit, Vec p, Vec& normal) const {
   Surface s;
   const Object* object = hit.object;
-  const Vec own = object != nullptr ? object->to_own(p) : p;
+  const Vec own = object != nullptr ? object->to_local(p) : p;
   const auto bump = [&](Vec at, float scale, float height) {
     const float n = noise(at * scale);
     constexpr float e = 0.35F;

@@ -52,10 +52,10 @@ TEST_P(BoardsTest, AreFoundWhereTheyAre) {
   const synth::BoardRenderer renderer(camera, spec);
   int number = 0;
   for (const geometry::Rigid3& pose : synth::board_poses(camera, spec, 4, 31)) {
-    synth::BoardLook look;
-    look.seed = static_cast<std::uint64_t>(++number);
-    look.clutter = 20;
-    const cv::Mat image = renderer.render(pose, look);
+    synth::BoardAppearance appearance;
+    appearance.seed = static_cast<std::uint64_t>(++number);
+    appearance.clutter = 20;
+    const cv::Mat image = renderer.render(pose, appearance);
     if (const char* folder = std::getenv("TARSIER_KEEP"))
       cv::imwrite(std::string(folder) + "/" + spec.text() + std::to_string(number) + ".png", image);
     const BoardView view = find_board(image, spec);
@@ -81,9 +81,9 @@ TEST(FindBoardTest, ALargeImageIsSearchedSmallAndMeasuredLarge) {
   const BoardSpec spec = parse_board("chess:9x6", 0.03);
   Camera camera{2560, 1920, 2100, 2100, 1280, 960};
   const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.45, 0.55}, {25, 10, 5}, 0.6);
-  synth::BoardLook look;
-  look.blur_px = 1.2;
-  const BoardView view = find_board(synth::render_board(camera, pose, spec, look), spec);
+  synth::BoardAppearance appearance;
+  appearance.blur_px = 1.2;
+  const BoardView view = find_board(synth::render_board(camera, pose, spec, appearance), spec);
   ASSERT_FALSE(view.empty());
   EXPECT_LT(error_of(view, synth::exact_view(camera, pose, spec), true), 0.06);
 }
@@ -132,10 +132,10 @@ TEST(FindBoardTest, UnevenAndDimLightDoesNoHarm) {
     const BoardSpec spec = parse_board(text, 0.03);
     const synth::BoardRenderer renderer(camera, spec);
     const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8);
-    synth::BoardLook shaded;
+    synth::BoardAppearance shaded;
     shaded.fall_off = 0.8;
     EXPECT_FALSE(find_board(renderer.render(pose, shaded), spec).empty()) << text;
-    synth::BoardLook dim;
+    synth::BoardAppearance dim;
     dim.paper = 60;
     dim.ink = 25;
     dim.noise = 2.5;
@@ -149,9 +149,9 @@ TEST(FindBoardTest, SharpnessFallsWithBlur) {
   const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.5, 0.5}, {15, 10, 0}, 0.9);
   double last = 1;
   for (const double blur : {0.5, 1.0, 2.0, 3.0}) {
-    synth::BoardLook look;
-    look.blur_px = blur;
-    const cv::Mat image = synth::render_board(camera, pose, spec, look);
+    synth::BoardAppearance appearance;
+    appearance.blur_px = blur;
+    const cv::Mat image = synth::render_board(camera, pose, spec, appearance);
     const double sharp = sharpness_of(image, synth::exact_view(camera, pose, spec), spec);
     EXPECT_LT(sharp, 0.85 * last) << blur;
     EXPECT_NEAR(sharp, std::min(1.0, std::erf(0.5 / (std::sqrt(2.0) * std::hypot(blur, 0.35)))),
@@ -170,9 +170,9 @@ TEST_P(RenderedTest, ImagesGiveTheCamera) {
   std::vector<BoardView> views;
   int number = 0;
   for (const geometry::Rigid3& pose : synth::board_poses(truth, spec, 9, 37)) {
-    synth::BoardLook look;
-    look.seed = static_cast<std::uint64_t>(++number);
-    views.push_back(find_board(renderer.render(pose, look), spec));
+    synth::BoardAppearance appearance;
+    appearance.seed = static_cast<std::uint64_t>(++number);
+    views.push_back(find_board(renderer.render(pose, appearance), spec));
     EXPECT_FALSE(views.back().empty()) << number;
   }
   const Calibration c = calibrate(views, spec, {640, 480});
@@ -203,9 +203,9 @@ TEST(FindBoardTest, RenderedImagesGiveFisheyesAndRationalLensesToo) {
     int number = 0;
     const synth::BoardRenderer renderer(truth, spec);
     for (const geometry::Rigid3& pose : synth::board_poses(truth, spec, 12, 41)) {
-      synth::BoardLook look;
-      look.seed = static_cast<std::uint64_t>(++number);
-      views.push_back(find_board(renderer.render(pose, look), spec));
+      synth::BoardAppearance appearance;
+      appearance.seed = static_cast<std::uint64_t>(++number);
+      views.push_back(find_board(renderer.render(pose, appearance), spec));
     }
     CalibrateOptions options;
     options.lens = truth.lens;

@@ -29,7 +29,7 @@ synth::PlanarVideo video(int prints, double speed) {
   synth::VideoOptions options;
   options.speed_px = speed;
   options.exposure = 0.35;
-  options.look.noise = 3;
+  options.imaging.noise = 3;
   std::vector<synth::PlanarPrint> list;
   for (int i = 0; i < prints; ++i) {
     list.push_back(synth::poster_print(i, 5));
