@@ -175,10 +175,10 @@ void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& pri
     for (int k = 0; k < kStillsPerLevel; ++k) {
       throw_if_stopped(context.stop);
       synth::StillOptions options;
-      options.most = 1;
+      options.max_prints = 1;
       options.min_side_px = 80;
       options.max_side_px = 280;
-      options.part_hidden = 0.3;
+      options.hidden_share = 0.3;
       const auto which = static_cast<std::size_t>(k) % prints.size();
       const synth::PlanarStill still = synth::print_still(
           {prints[which]}, options, level, context.seed * 1000 + static_cast<std::uint64_t>(k));

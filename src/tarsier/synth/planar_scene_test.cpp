@@ -186,7 +186,7 @@ TEST(PlanarScene, RefusesWhatDoesNotFit) {
 TEST(PlanarWorlds, StillsAreReproducible) {
   const auto& family = planar::markers::find_dictionary("36h11");
   StillOptions options;
-  options.least = 3;
+  options.min_prints = 3;
   const PlanarStill a = marker_still(family, 0.1, options, PlanarLevel::kHard, 5);
   cv::setNumThreads(1);
   const PlanarStill b = marker_still(family, 0.1, options, PlanarLevel::kHard, 5);

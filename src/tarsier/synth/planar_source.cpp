@@ -49,7 +49,7 @@ bool set_planar_source(std::string_view key, std::string_view value, PlanarSourc
   } else if (key == "blur") {
     is_good = parse_within(value, 0.0, 20.0, video.imaging.defocus_px);
   } else if (key == "cover") {
-    is_good = parse_flag(value, video.cover);
+    is_good = parse_flag(value, video.with_occluder);
   } else if (key == "distorted") {
     is_good = parse_flag(value, video.distorted);
   } else {

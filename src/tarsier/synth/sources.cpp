@@ -92,7 +92,7 @@ bool parse_street(std::string_view key, std::string_view value, Settings& settin
   } else if (settings.image == Image::kDrive && key == "parked") {
     is_good = parse_number(value, street.parked) && street.parked >= 0 && street.parked <= 3;
   } else if (settings.image == Image::kDrive && key == "far") {
-    is_good = parse_number(value, street.far) && street.far >= 0 && street.far <= 3;
+    is_good = parse_number(value, street.distant) && street.distant >= 0 && street.distant <= 3;
   } else {
     return false;
   }
@@ -192,7 +192,7 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
     settings.frames =
         std::max<std::int64_t>(1, std::llround(settings.street.seconds * settings.fps));
   if (!has_frames && settings.live) settings.frames = 0;
-  if (settings.street.parked + settings.street.far > settings.street.cars)
+  if (settings.street.parked + settings.street.distant > settings.street.cars)
     refuse("more cars are parked or far than there are");
   settings.street.size = settings.size;
   settings.street.seed = settings.seed;
@@ -240,10 +240,10 @@ class SynthSource final : public FrameSource {
     if (settings_.image == Image::kCar) (void)synth::load_glyphs();  // reports missing typefaces
   }
 
-  std::optional<Frame> next(std::chrono::milliseconds patience,
+  std::optional<Frame> next(std::chrono::milliseconds timeout,
                             const std::stop_token& stop) override {
     if (ended() || stop.stop_requested()) return std::nullopt;
-    if (settings_.live && !wait_until_due(patience, stop)) return std::nullopt;
+    if (settings_.live && !wait_until_due(timeout, stop)) return std::nullopt;
     Frame frame;
     frame.index = at_++;
     frame.time = static_cast<double>(frame.index) / settings_.fps;
@@ -283,7 +283,7 @@ class SynthSource final : public FrameSource {
   }
 
   // The rate of a camera: frames that were not read in time are lost.
-  bool wait_until_due(std::chrono::milliseconds patience, const std::stop_token& stop) {
+  bool wait_until_due(std::chrono::milliseconds timeout, const std::stop_token& stop) {
     const Clock::time_point now = Clock::now();
     if (at_ == 0 && start_ == Clock::time_point{}) start_ = now;
     const double elapsed_s = std::chrono::duration<double>(now - start_).count();
@@ -295,9 +295,9 @@ class SynthSource final : public FrameSource {
     }
     const Clock::time_point due = due_of(at_);
     if (due <= now) return true;
-    const bool comes_in_time = due <= now + patience;
+    const bool comes_in_time = due <= now + timeout;
     const auto pause =
-        comes_in_time ? std::chrono::ceil<std::chrono::milliseconds>(due - now) : patience;
+        comes_in_time ? std::chrono::ceil<std::chrono::milliseconds>(due - now) : timeout;
     return sleep_unless_stopped(pause, stop) && comes_in_time;
   }
 

@@ -36,11 +36,11 @@ const Target& poster() {
 
 synth::PlanarStill still(synth::PlanarLevel level, std::uint64_t seed, double hidden = 0) {
   synth::StillOptions options;
-  options.most = 1;
+  options.max_prints = 1;
   options.min_side_px = 100;
   options.max_side_px = 280;
   options.tilt_deg = 55;
-  options.part_hidden = hidden;
+  options.hidden_share = hidden;
   return synth::print_still({synth::poster_print(0, 5)}, options, level, seed);
 }
 

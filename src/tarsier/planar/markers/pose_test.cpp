@@ -121,7 +121,7 @@ TEST(PoseTracks, VideosHaveFewFlipsAndStayPutAtRest) {
   const Dictionary& family = find_dictionary("36h11");
   synth::VideoOptions options;
   options.shutter = 0;
-  options.cover = false;
+  options.with_occluder = false;
   options.seed = 4;
   options.speed_px = 15;
   const synth::PlanarVideo video = synth::marker_video(family, 4, 0.05, options);

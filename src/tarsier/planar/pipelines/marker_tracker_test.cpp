@@ -24,7 +24,7 @@ synth::PlanarVideo video(const std::string& family = "36h11") {
   options.size = {480, 360};
   options.speed_px = 8;
   options.shutter = 0;
-  options.cover = false;
+  options.with_occluder = false;
   return synth::marker_video(markers::find_dictionary(family), 4, kSide, options);
 }
 
