@@ -127,9 +127,9 @@ TARSIER_FUZZ_TARGET(viewer, kBytes) {
   expect(image == parts.take(), "pieces of other sizes give another image");
   expect(image.empty() == (at_once == 0), "an image was counted and is not there");
   if (image.empty()) return;
-  const std::string trouble = trouble_of_viewer_image(image);
+  const std::string error = viewer_image_error(image);
   const std::optional<ImageHeader> header = probe_image(image);
-  if (!trouble.empty() || std::int64_t{header->width} * header->height > kImageLimits.max_pixels)
+  if (!error.empty() || std::int64_t{header->width} * header->height > kImageLimits.max_pixels)
     return;
   expect(header->format == ImageFormat::kJpeg, "something else than JPEG is let through");
   (void)decode_image(image, "image", kImageLimits);

@@ -152,7 +152,7 @@ Response Live::list_sources() const {
     if (!camera.path.starts_with(kFolder)) continue;
     add("camera:" + camera.path.substr(kFolder.size()),
         camera.card.empty() ? camera.path : camera.card, "camera", true);
-    if (!camera.trouble.empty()) sources.back()["trouble"] = camera.trouble;
+    if (!camera.error.empty()) sources.back()["trouble"] = camera.error;
   }
   for (const auto& [name, source] : options_.allowed) add("allowed:" + name, name, "allowed", true);
   for (const std::string& id : cameras_.ids())

@@ -160,7 +160,7 @@ std::vector<CameraInfo> list_cameras() {
     camera.path = path;
     const Device device(path);
     if (!device.is_open()) {
-      camera.trouble = camera_trouble(path);
+      camera.error = camera_error(path);
       if (device.error() != EACCES && device.error() != EBUSY) continue;
       cameras.push_back(std::move(camera));
       continue;
@@ -179,7 +179,7 @@ std::vector<CameraInfo> list_cameras() {
   return cameras;
 }
 
-std::string camera_trouble(const std::string& path) {
+std::string camera_error(const std::string& path) {
   const Device device(path);
   if (!device.is_open()) {
     switch (device.error()) {

@@ -25,7 +25,7 @@ struct CameraInfo {
   std::string driver;             // "uvcvideo"
   std::string bus;                // "usb-0000:00:14.0-1"
   std::vector<CameraMode> modes;  // at most 256
-  std::string trouble;            // why it could not be queried (no permission); empty: no error
+  std::string error;              // why it could not be queried (no permission); empty: no error
 };
 
 // All cameras, in the order of their numbers. Opens each device without starting it. Does not throw
@@ -34,7 +34,7 @@ struct CameraInfo {
 
 // Why `path` cannot be used as a camera now ("no such device (/dev/video9); ..", no permission,
 // does not capture), and what to do. Empty if it looks like a camera.
-[[nodiscard]] std::string camera_trouble(const std::string& path);
+[[nodiscard]] std::string camera_error(const std::string& path);
 
 // The path of an executable called `name` in one of the folders of $PATH; empty if there is none.
 [[nodiscard]] std::string find_program_on_path(std::string_view name);

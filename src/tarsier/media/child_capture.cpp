@@ -90,21 +90,21 @@ class ChildBackend final : public LiveBackend {
       : command_(std::move(command)), detail_(command_.detail) {}
   ~ChildBackend() override { end_child(); }
 
-  std::optional<LiveFailure> open(milliseconds patience, const std::stop_token& stop) override;
-  LiveRead read(milliseconds patience, const std::stop_token& stop) override;
-  bool reachable(milliseconds patience, const std::stop_token& stop) override {
-    return command_.reachable && command_.reachable(patience, stop);
+  std::optional<LiveFailure> open(milliseconds timeout, const std::stop_token& stop) override;
+  LiveRead read(milliseconds timeout, const std::stop_token& stop) override;
+  bool reachable(milliseconds timeout, const std::stop_token& stop) override {
+    return command_.reachable && command_.reachable(timeout, stop);
   }
   [[nodiscard]] std::string detail() const override { return detail_; }
   [[nodiscard]] double fps() const override { return records_.fps(); }
-  [[nodiscard]] bool may_wake_up() const override { return command_.is_network; }
+  [[nodiscard]] bool may_recover() const override { return command_.is_network; }
   [[nodiscard]] double startup_s() const override { return command_.startup_s; }
 
  private:
   std::optional<LiveFailure> spawn();
   bool drain_output(LiveRead& result);
   void drain_messages();
-  LiveFailure how_it_ended();
+  LiveFailure exit_failure();
   int end_child();
 
   const ChildCommand command_;
@@ -191,7 +191,7 @@ std::optional<LiveFailure> ChildBackend::spawn() {
   if (result != 0) {
     return LiveFailure{
         .reason = fmt::format("cannot start {}: {}", command_.arguments[0], error_text(result)),
-        .definite = true};
+        .permanent = true};
   }
   child_ = child;
   return std::nullopt;
@@ -243,11 +243,11 @@ void ChildBackend::drain_messages() {
   }
 }
 
-LiveRead ChildBackend::read(milliseconds patience, const std::stop_token& stop) {
+LiveRead ChildBackend::read(milliseconds timeout, const std::stop_token& stop) {
   LiveRead result;
   if (stop.stop_requested()) return result;
   pollfd items[2] = {{output_.get(), POLLIN, 0}, {messages_.get(), POLLIN, 0}};
-  const Clock::time_point deadline = Clock::now() + patience;
+  const Clock::time_point deadline = Clock::now() + timeout;
   while (true) {
     const auto left = std::chrono::ceil<milliseconds>(deadline - Clock::now());
     const auto slice = std::clamp(left, milliseconds(0), milliseconds(50));
@@ -261,7 +261,7 @@ LiveRead ChildBackend::read(milliseconds patience, const std::stop_token& stop) 
       if (result.kind == LiveRead::Kind::kFrame) return result;
       if (!is_open) {
         result.kind = LiveRead::Kind::kEnded;
-        result.failure = how_it_ended();
+        result.failure = exit_failure();
         return result;
       }
     }
@@ -269,17 +269,17 @@ LiveRead ChildBackend::read(milliseconds patience, const std::stop_token& stop) 
   }
 }
 
-LiveFailure ChildBackend::how_it_ended() {
+LiveFailure ChildBackend::exit_failure() {
   LiveFailure failure;
   if (messages_.get() >= 0) drain_messages();
   const bool is_broken = records_.is_broken();
   const int status = end_child();
   if (!records_.error().empty()) {
     failure.reason = records_.error();
-    failure.definite = true;
+    failure.permanent = true;
   } else if (is_broken) {
     failure.reason = fmt::format("{} sends something that is not an image", command_.arguments[0]);
-    failure.definite = true;
+    failure.permanent = true;
   } else {
     std::string_view tail = message_tail_;
     while (!tail.empty() && (tail.back() == '\n' || tail.back() == '\r')) tail.remove_suffix(1);
@@ -290,7 +290,7 @@ LiveFailure ChildBackend::how_it_ended() {
                          ? fmt::format("{} died of signal {}", program, WTERMSIG(status))
                          : fmt::format("{} ended with status {}", program, WEXITSTATUS(status));
     if (!tail.empty()) failure.reason += fmt::format(": {}", tail.substr(0, 300));
-    failure.definite = WIFEXITED(status) && WEXITSTATUS(status) != 0;
+    failure.permanent = WIFEXITED(status) && WEXITSTATUS(status) != 0;
   }
   // If the device does not exist at all, waiting means probing for it.
   failure.unreachable = command_.reachable && !command_.reachable(milliseconds(100), {});
@@ -346,11 +346,11 @@ std::string find_capture_program(const SourceOptions& options) {
   std::error_code error;
   const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
   const auto folder = self.parent_path();
-  const std::string beside = (folder / "tarsier-capture").string();
-  if (can_run(beside)) return beside;
+  const std::string candidate = (folder / "tarsier-capture").string();
+  if (can_run(candidate)) return candidate;
   const std::string installed = (folder.parent_path() / "libexec/tarsier/tarsier-capture").string();
   if (can_run(installed)) return installed;
-  throw InputError(beside,
+  throw InputError(candidate,
                    "no such program; it captures from cameras and belongs beside tarsier (or in "
                    "../libexec/tarsier)");
 }
@@ -367,9 +367,9 @@ ChildCommand camera_command(const std::string& path, const std::string& label,
   command.detail = label;
   command.startup_s = kCameraStartup_s;
   command.check = [path]() -> std::optional<LiveFailure> {
-    std::string trouble = camera_trouble(path);
-    if (trouble.empty()) return std::nullopt;
-    return LiveFailure{.reason = std::move(trouble), .definite = true, .unreachable = true};
+    std::string error = camera_error(path);
+    if (error.empty()) return std::nullopt;
+    return LiveFailure{.reason = std::move(error), .permanent = true, .unreachable = true};
   };
   command.reachable = [path](milliseconds, const std::stop_token&) { return can_open(path); };
   return command;
@@ -397,9 +397,9 @@ ChildCommand ffmpeg_command(const std::string& url, const SourceOptions& options
   command.detail = scheme + " stream";
   command.is_network = true;
   command.startup_s = kCameraStartup_s;
-  command.reachable = [parts](milliseconds patience, const std::stop_token& stop) {
+  command.reachable = [parts](milliseconds timeout, const std::stop_token& stop) {
     LiveFailure failure;
-    return connect_tcp(parts.host, parts.port, patience, stop, failure).is_open();
+    return connect_tcp(parts.host, parts.port, timeout, stop, failure).is_open();
   };
   return command;
 }

@@ -38,8 +38,8 @@ void require_writable_image(const cv::Mat& image) {
       "{}x{}, type {}: sinks take 8-bit grey or BGR", image.cols, image.rows, image.type());
 }
 
-bool is_video_ending(const std::string& ending) {
-  return ending == ".mp4" || ending == ".avi" || ending == ".mkv";
+bool is_video_extension(const std::string& extension) {
+  return extension == ".mp4" || extension == ".avi" || extension == ".mkv";
 }
 
 class NoSink final : public FrameSink {
@@ -71,9 +71,9 @@ class ImageSink final : public FrameSink {
           path_ + ": is one image, and a second has come: name a folder instead (ending in '/')");
     }
     // A device or pipe has no extension that could name a format.
-    const std::string ending = is_image_path(path_) ? lower_ending(path_) : ".png";
+    const std::string extension = is_image_path(path_) ? lower_ending(path_) : ".png";
     const std::vector<std::uint8_t> bytes =
-        encode_image(ending, image, path_, options_.jpeg_quality);
+        encode_image(extension, image, path_, options_.jpeg_quality);
     write_file_atomically(path_, std::span<const std::uint8_t>(bytes));
     written_ = true;
     return path_;
@@ -100,7 +100,7 @@ class FolderSink final : public FrameSink {
 
   std::string write(const cv::Mat& image, const Frame& source) override {
     require_writable_image(image);
-    const std::string target = (fs::path(path_) / free_name(source)).string();
+    const std::string target = (fs::path(path_) / unused_name(source)).string();
     std::error_code ignored;
     if (source.still && fs::equivalent(target, source.name, ignored)) {
       throw OutputError(target, "would replace its own source: name another folder");
@@ -116,21 +116,21 @@ class FolderSink final : public FrameSink {
 
  private:
   // The source's base name; a number is added if two sources have the same name.
-  std::string free_name(const Frame& source) {
+  std::string unused_name(const Frame& source) {
     std::string stem;
-    std::string ending = options_.folder_extension;
+    std::string extension = options_.folder_extension;
     if (source.still) {
       const fs::path path(source.name);
       stem = path.stem().string().substr(0, 180);  // names end at 255 bytes
-      if (ending.empty() && is_image_path(source.name)) ending = path.extension().string();
+      if (extension.empty() && is_image_path(source.name)) extension = path.extension().string();
     } else {
       stem = fmt::format("frame_{:06d}", source.index);
     }
     if (stem.empty()) stem = "image";
-    if (ending.empty()) ending = ".png";
-    std::string name = stem + ending;
+    if (extension.empty()) extension = ".png";
+    std::string name = stem + extension;
     for (int number = 2; !used_.insert(name).second; ++number)
-      name = fmt::format("{}-{}{}", stem, number, ending);
+      name = fmt::format("{}-{}{}", stem, number, extension);
     return name;
   }
 
@@ -167,7 +167,7 @@ std::string segment_name(const std::string& path, int number) {
 
 // One more than the highest number of an existing segment, finished or not, so that no file of an
 // earlier run is overwritten.
-int first_free_segment(const std::string& path) {
+int first_unused_segment(const std::string& path) {
   const fs::path file(path);
   const std::string stem = file.stem().string() + "-";
   const fs::path folder = file.parent_path().empty() ? fs::path(".") : file.parent_path();
@@ -188,9 +188,9 @@ int first_free_segment(const std::string& path) {
 class VideoSink final : public FrameSink {
  public:
   VideoSink(std::string path, const SinkOptions& options)
-      : path_(std::move(path)), ending_(lower_ending(path_)), options_(options) {
+      : path_(std::move(path)), extension_(lower_ending(path_)), options_(options) {
     if (options_.segment_s > 0) {
-      segment_ = first_free_segment(path_);
+      segment_ = first_unused_segment(path_);
       segment_frames_ = std::max<std::int64_t>(1, std::llround(options_.segment_s * options_.fps));
     }
     begin_file();  // detects an error now, not after the work
@@ -270,25 +270,25 @@ class VideoSink final : public FrameSink {
       coded_ = {(size.width + 1) / 2 * 2, (size.height + 1) / 2 * 2};
     }
     VideoEncoderOptions options;
-    options.ending = ending_;
+    options.extension = extension_;
     options.fps = options_.fps;
-    options.cut_safe = options_.recording;
+    options.crash_safe = options_.recording;
     encoder_ = std::make_unique<VideoEncoder>(part_ ? part_->path() : file_->path(), target_,
                                               coded_, options);
   }
 
   // Checked early, so that hours of work are not spent on a video that cannot be stored.
   void check_disk() const {
-    constexpr std::uint64_t kLeast = 1 << 20U;
+    constexpr std::uint64_t kMinFreeBytes = 1 << 20U;
     struct ::statvfs disk {};
     const std::string& file = part_ ? part_->path() : file_->path();
     if (::statvfs(file.c_str(), &disk) != 0) return;
-    if (std::uint64_t{disk.f_bavail} * disk.f_frsize < kLeast)
+    if (std::uint64_t{disk.f_bavail} * disk.f_frsize < kMinFreeBytes)
       throw OutputError(path_, "the disk is full");
   }
 
   std::string path_;  // as given
-  std::string ending_;
+  std::string extension_;
   SinkOptions options_;
   std::string target_;              // of the current file
   std::optional<AtomicFile> file_;  // for a video that can be made again
@@ -325,16 +325,16 @@ SinkKind classify_sink(const std::string& text) {
   std::error_code error;
   const fs::file_status status = fs::status(text, error);
   if (fs::is_directory(status)) return SinkKind::kFolder;
-  const std::string ending = lower_ending(text);
+  const std::string extension = lower_ending(text);
   if (is_image_path(text)) return SinkKind::kImage;
-  if (is_video_ending(ending)) return SinkKind::kVideo;
+  if (is_video_extension(extension)) return SinkKind::kVideo;
   if (fs::exists(status) && !fs::is_regular_file(status))
     return SinkKind::kImage;  // a device or pipe
-  if (ending.empty()) return SinkKind::kFolder;
+  if (extension.empty()) return SinkKind::kFolder;
   throw UsageError(fmt::format(
       "{}: unknown file ending '{}': .png, .jpg, .webp, .bmp, .mp4, .avi and .mkv are written; "
       "a folder ends in '/'",
-      text, ending));
+      text, extension));
 }
 
 std::unique_ptr<FrameSink> open_sink(const std::string& text, const SinkOptions& options) {

@@ -78,11 +78,11 @@ bool has_device_path(const std::string& text) {
 }
 
 bool has_video_ending(const std::string& path) {
-  static constexpr std::array<std::string_view, 18> kEndings = {
+  static constexpr std::array<std::string_view, 18> kExtensions = {
       ".avi",   ".mp4", ".mkv",  ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpg",
       ".mjpeg", ".ts",  ".m2ts", ".wmv", ".flv",  ".ogv", ".3gp", ".y4m",  ".h264"};
-  const std::string ending = lower_ending(path);
-  return std::find(kEndings.begin(), kEndings.end(), ending) != kEndings.end();
+  const std::string extension = lower_ending(path);
+  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
 }
 
 // The kind of a regular file, by its first bytes. Its name decides only if these are ambiguous, and
@@ -97,7 +97,7 @@ SourceKind classify_file(const std::string& path) {
   const std::span<const std::uint8_t> head(reinterpret_cast<const std::uint8_t*>(bytes.data()),
                                            static_cast<std::size_t>(file.gcount()));
   const bool is_mjpeg = lower_ending(path).starts_with(".mjp");
-  if (!is_mjpeg && (probe_image(head) || has_image_ending(path))) return SourceKind::kImage;
+  if (!is_mjpeg && (probe_image(head) || has_image_extension(path))) return SourceKind::kImage;
   if (looks_like_video(head)) {
     // A JPEG whose header is longer than the bytes read (a large thumbnail) is also an image.
     const bool is_jpeg = head.size() > 2 && head[0] == 0xff && head[1] == 0xd8;
@@ -131,13 +131,13 @@ class ChainSource final : public FrameSource {
   ChainSource(std::vector<Part> parts, bool sequence)
       : parts_(std::move(parts)), sequence_(sequence) {}
 
-  std::optional<Frame> next(std::chrono::milliseconds patience,
+  std::optional<Frame> next(std::chrono::milliseconds timeout,
                             const std::stop_token& stop) override {
     while (at_ < parts_.size() && !stop.stop_requested()) {
       std::optional<Frame> frame;
       try {
         if (!current_) current_ = parts_[at_].open();
-        frame = current_->next(patience, stop);
+        frame = current_->next(timeout, stop);
       } catch (const InputError& error) {
         if (current_ && current_->is_live()) throw;
         if (!current_ || current_->skipped().empty()) {  // else each image was reported
@@ -219,8 +219,8 @@ std::unique_ptr<FrameSource> open_camera(const std::string& text, const SourceOp
   const std::string path = number ? fmt::format("/dev/video{}", *number) : text;
   const std::string label = number ? fmt::format("camera {}", *number) : text;
   if (!options.wait) {
-    if (const std::string trouble = camera_trouble(path); !trouble.empty()) {
-      throw InputError(label, trouble);
+    if (const std::string error = camera_error(path); !error.empty()) {
+      throw InputError(label, error);
     }
   }
   const ChildCommand command = camera_command(path, label, options);
@@ -253,7 +253,7 @@ std::vector<ChainSource::Part> parts_of_files(const std::vector<std::string>& pa
   for (const std::string& path : paths) {
     std::error_code ignored;
     bool is_video = false;
-    if (!has_image_ending(path) && fs::is_regular_file(path, ignored)) {
+    if (!has_image_extension(path) && fs::is_regular_file(path, ignored)) {
       try {
         is_video = classify_file(path) == SourceKind::kVideo;
       } catch (const InputError&) {  // reported when it is opened

@@ -39,12 +39,12 @@ class FrameSource {
   virtual ~FrameSource() = default;
 
   // Returns the next frame; a live source gives the newest one and never the same twice. Waits at
-  // most `patience`. Returns nullopt if no frame came in time, `stop` was triggered, or there are
+  // most `timeout`. Returns nullopt if no frame came in time, `stop` was triggered, or there are
   // no more frames (see ended()). In a folder, glob or list of several images, an image that cannot
   // be read is skipped with a warning and listed in skipped(); a single image throws InputError.
   // Throws SourceLostError if a live source delivers no frame for SourceOptions::give_up_s after
   // its first.
-  virtual std::optional<Frame> next(std::chrono::milliseconds patience,
+  virtual std::optional<Frame> next(std::chrono::milliseconds timeout,
                                     const std::stop_token& stop) = 0;
 
   [[nodiscard]] virtual bool ended() const = 0;

@@ -39,7 +39,7 @@ class HttpResponseParser {
   void feed(std::span<const std::uint8_t> bytes, std::vector<std::uint8_t>& body);
 
   [[nodiscard]] State state() const { return state_; }
-  [[nodiscard]] const std::string& trouble() const { return trouble_; }  // the reason of kBroken
+  [[nodiscard]] const std::string& error() const { return error_; }  // the reason of kBroken
   // Valid after the header:
   [[nodiscard]] int status() const { return status_; }
   [[nodiscard]] const std::string& status_text() const { return status_text_; }
@@ -49,14 +49,14 @@ class HttpResponseParser {
  private:
   enum class Chunk { kSize, kData, kDataEnd, kTrailer };
 
-  void break_off(std::string trouble);
+  void fail(std::string reason);
   std::size_t read_header(std::span<const std::uint8_t> bytes);
   bool parse_header();
   void read_body(std::span<const std::uint8_t> bytes, std::vector<std::uint8_t>& body);
   void read_chunks(std::span<const std::uint8_t> bytes, std::vector<std::uint8_t>& body);
 
   State state_ = State::kHeader;
-  std::string trouble_;
+  std::string error_;
   std::string header_;
   int interim_ = 0;
   int status_ = 0;
@@ -65,7 +65,7 @@ class HttpResponseParser {
   std::string location_;
   bool chunked_ = false;
   bool has_length_ = false;
-  std::uint64_t left_ = 0;  // remaining bytes of the body (has_length_) or of the chunk
+  std::uint64_t remaining_ = 0;  // remaining bytes of the body (has_length_) or of the chunk
   Chunk chunk_ = Chunk::kSize;
   std::string line_;
 };

@@ -131,7 +131,7 @@ TEST(HttpResponse, InterimAnswersAreCountedAndEndTheConnection) {
     EXPECT_EQ(good.body, "abc") << piece;
     const Parsed bad = parse(many + real, piece);
     EXPECT_EQ(bad.parser.state(), State::kBroken) << piece;
-    EXPECT_EQ(bad.parser.trouble(), "sends interim answers without end");
+    EXPECT_EQ(bad.parser.error(), "sends interim answers without end");
     EXPECT_EQ(bad.body, "") << piece;
   }
 }
@@ -206,7 +206,7 @@ TEST(HttpStream, RedirectsHaveLimits) {
     return HttpServer::Reply{"HTTP/1.1 302 Found\r\nLocation: /again\r\n\r\n", false, false};
   });
   Outcome outcome = read_frames(circle.url(), 1);
-  EXPECT_TRUE(outcome.ended && outcome.failure.definite);
+  EXPECT_TRUE(outcome.ended && outcome.failure.permanent);
   EXPECT_EQ(circle.connections(), 4);
   for (const char* target : {"https://127.0.0.1/", "file:///etc/passwd", "//evil/", "gopher://x"}) {
     HttpServer server([target](const std::string&) {
@@ -214,7 +214,7 @@ TEST(HttpStream, RedirectsHaveLimits) {
           std::string("HTTP/1.1 301 Moved\r\nLocation: ") + target + "\r\n\r\n", false, false};
     });
     outcome = read_frames(server.url(), 1);
-    EXPECT_TRUE(outcome.ended && outcome.failure.definite) << target;
+    EXPECT_TRUE(outcome.ended && outcome.failure.permanent) << target;
   }
 }
 
@@ -244,7 +244,7 @@ TEST(HttpStream, NothingThereIsDefinite) {
     port = gone.port();
   }
   const Outcome outcome = read_frames("http://127.0.0.1:" + std::to_string(port) + "/", 1);
-  EXPECT_TRUE(outcome.failure.definite);
+  EXPECT_TRUE(outcome.failure.permanent);
   EXPECT_TRUE(outcome.failure.unreachable);
   EXPECT_NE(outcome.failure.reason.find("connection refused"), std::string::npos);
 }

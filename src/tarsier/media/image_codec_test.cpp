@@ -28,10 +28,10 @@ cv::Mat noisy(int type, int width = 61, int height = 47) {
   return image;
 }
 
-Data by_opencv(const std::string& ending, const cv::Mat& image,
+Data by_opencv(const std::string& extension, const cv::Mat& image,
                const std::vector<int>& parameters = {}) {
   Data bytes;
-  cv::imencode(ending, image, bytes, parameters);
+  cv::imencode(extension, image, bytes, parameters);
   return bytes;
 }
 
@@ -68,17 +68,18 @@ TEST(ImageCodec, DecodesAsOpenCv) {
   }
 }
 
-void expect_same_file(const std::string& ending, const cv::Mat& image, int quality) {
-  const Data ours = encode_plain(ending, image, quality);
+void expect_same_file(const std::string& extension, const cv::Mat& image, int quality) {
+  const Data ours = encode_plain(extension, image, quality);
   std::vector<int> parameters;
-  if (ending == ".jpg") parameters = {cv::IMWRITE_JPEG_QUALITY, quality};
-  const Data theirs = by_opencv(ending, image, parameters);
+  if (extension == ".jpg") parameters = {cv::IMWRITE_JPEG_QUALITY, quality};
+  const Data theirs = by_opencv(extension, image, parameters);
   if (kIsExact) {
-    EXPECT_EQ(ours, theirs) << ending << " " << image.type() << " quality " << quality;
+    EXPECT_EQ(ours, theirs) << extension << " " << image.type() << " quality " << quality;
   }
   const cv::Mat back = cv::imdecode(ours, cv::IMREAD_UNCHANGED);
-  EXPECT_TRUE(same(back, cv::imdecode(theirs, cv::IMREAD_UNCHANGED))) << ending << " " << quality;
-  if (ending == ".png") {
+  EXPECT_TRUE(same(back, cv::imdecode(theirs, cv::IMREAD_UNCHANGED)))
+      << extension << " " << quality;
+  if (extension == ".png") {
     EXPECT_EQ(cv::norm(back, image, cv::NORM_INF), 0);
   }
 }
@@ -138,12 +139,12 @@ TEST(ImageCodec, TakesAJpegWithBytesToSpare) {
 }
 
 TEST(ImageCodec, BrokenPixelsAreNotTaken) {
-  for (const char* ending : {".jpg", ".png"}) {
-    const Data whole = by_opencv(ending, noisy(CV_8UC3));
+  for (const char* extension : {".jpg", ".png"}) {
+    const Data whole = by_opencv(extension, noisy(CV_8UC3));
     const auto header = probe_image(whole);
     for (std::size_t size = 40; size + 64 < whole.size(); size += 97) {
       const Data cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
-      EXPECT_TRUE(decode_plain(cut, *header, false).empty()) << ending << " cut to " << size;
+      EXPECT_TRUE(decode_plain(cut, *header, false).empty()) << extension << " cut to " << size;
     }
     ImageHeader other = *header;
     other.width += 1;

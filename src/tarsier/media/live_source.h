@@ -20,7 +20,7 @@ namespace tarsier {
 struct LiveFailure {
   std::string reason;  // one line
   // Before the first frame: waiting does not help (no such device, refused, 404).
-  bool definite = false;
+  bool permanent = false;
   bool unreachable = false;  // nothing answers: probe once a second
   bool denied = false;       // it answers with a refusal: retry only at the back-off's pace
 };
@@ -48,20 +48,20 @@ class LiveBackend {
  public:
   virtual ~LiveBackend() = default;
 
-  // Starts to open; read() waits for the answer of the other side. Takes at most `patience`.
-  virtual std::optional<LiveFailure> open(std::chrono::milliseconds patience,
+  // Starts to open; read() waits for the answer of the other side. Takes at most `timeout`.
+  virtual std::optional<LiveFailure> open(std::chrono::milliseconds timeout,
                                           const std::stop_token& stop) = 0;
-  // Waits at most `patience` for a frame. Reads everything that arrived and returns the newest
+  // Waits at most `timeout` for a frame. Reads everything that arrived and returns the newest
   // frame.
-  virtual LiveRead read(std::chrono::milliseconds patience, const std::stop_token& stop) = 0;
-  // Before open(): whether something would answer now. Cheap; takes at most `patience`.
-  virtual bool reachable(std::chrono::milliseconds patience, const std::stop_token& stop) = 0;
+  virtual LiveRead read(std::chrono::milliseconds timeout, const std::stop_token& stop) = 0;
+  // Before open(): whether something would answer now. Cheap; takes at most `timeout`.
+  virtual bool reachable(std::chrono::milliseconds timeout, const std::stop_token& stop) = 0;
 
   [[nodiscard]] virtual std::string detail() const = 0;  // what was opened, one line
   [[nodiscard]] virtual double fps() const = 0;          // 0: unknown
   // Whether a silent connection may recover by itself. A network connection may, so the source
   // waits longer before it reopens it. A device does not, and is closed at once.
-  [[nodiscard]] virtual bool may_wake_up() const = 0;
+  [[nodiscard]] virtual bool may_recover() const = 0;
   // Seconds until the first frame if that is longer than SourceOptions::stall_s, else 0.
   [[nodiscard]] virtual double startup_s() const = 0;
   // Whether the connection cannot be reopened. A silent one is then kept as long as it exists, and

@@ -55,17 +55,17 @@ std::unique_ptr<FrameSource> http_source(const HttpServer& server,
 }
 
 // Long enough for any machine; only a failing test waits this long.
-constexpr seconds kPatience{300};
+constexpr seconds kTimeout{300};
 
 Frame next_frame(FrameSource& source) {
-  auto frame = source.next(kPatience, {});
+  auto frame = source.next(kTimeout, {});
   if (!frame) throw std::runtime_error("no frame in time: " + source.status().detail);
   return *frame;
 }
 
 // Waits for a condition and takes no frames.
 bool eventually(const std::function<bool()>& condition) {
-  const auto end = Clock::now() + kPatience;
+  const auto end = Clock::now() + kTimeout;
   while (Clock::now() < end) {
     if (condition()) return true;
     std::this_thread::sleep_for(milliseconds(5));
@@ -247,8 +247,8 @@ TEST_F(LiveSourceTest, WithoutServerNextThrowsAtOnceUnlessToldToWait) {
   server.stop();
   {
     const auto source = http_source(server);
-    EXPECT_THROW((void)source->next(kPatience, {}), InputError);
-    EXPECT_THROW((void)source->next(kPatience, {}), InputError);
+    EXPECT_THROW((void)source->next(kTimeout, {}), InputError);
+    EXPECT_THROW((void)source->next(kTimeout, {}), InputError);
   }
   SourceOptions options = quick_options();
   options.wait = true;
@@ -266,7 +266,7 @@ TEST_F(LiveSourceTest, ASilentServerIsGivenUpAfterTheConnectTimeout) {
   options.connect_timeout_s = 0.3;
   const auto source = http_source(server, options);
   try {
-    (void)source->next(kPatience, {});
+    (void)source->next(kTimeout, {});
     FAIL();
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("no image within 0.3 s"), std::string::npos)
@@ -283,7 +283,7 @@ TEST_F(LiveSourceTest, ALostSourceIsReportedAfterGiveUp) {
   server.stop();
   EXPECT_THROW(
       {
-        while (true) (void)source->next(kPatience, {});
+        while (true) (void)source->next(kTimeout, {});
       },
       SourceLostError);
   EXPECT_TRUE(source->ended());
@@ -384,7 +384,7 @@ TEST_F(LiveSourceTest, AChildsErrorIsTheUsersError) {
   const auto reason = [&](const std::string& script, ChildCommand::Format format) -> std::string {
     const auto source = child_source(shell(script, format));
     try {
-      (void)source->next(kPatience, {});
+      (void)source->next(kTimeout, {});
     } catch (const InputError& failure) {
       return failure.what();
     }
@@ -400,7 +400,7 @@ TEST_F(LiveSourceTest, AChildsErrorIsTheUsersError) {
             std::string::npos);
   ChildCommand missing;
   missing.arguments = {"/nowhere/program"};
-  EXPECT_THROW((void)child_source(missing)->next(kPatience, {}), InputError);
+  EXPECT_THROW((void)child_source(missing)->next(kTimeout, {}), InputError);
 }
 
 TEST_F(LiveSourceTest, AChattyChildNeitherBlocksNorGrows) {
@@ -509,11 +509,11 @@ TEST_F(LiveSourceTest, TheCaptureProgramSaysWhatIsWrong) {
   HttpServer server;
   server.stop();
   EXPECT_THROW(
-      (void)child_source(ffmpeg_command(server.url(), options), options)->next(kPatience, {}),
+      (void)child_source(ffmpeg_command(server.url(), options), options)->next(kTimeout, {}),
       InputError);
   try {
     (void)child_source(camera_command("/dev/video99", "camera 99", options), options)
-        ->next(kPatience, {});
+        ->next(kTimeout, {});
     FAIL();
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("no such device (/dev/video99)"), std::string::npos);

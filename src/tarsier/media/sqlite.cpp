@@ -37,10 +37,10 @@ int make_private_file(const std::string& path) {
 
 // A database that others may read (made by an older version, or copied by hand) is made private
 // before anything is written to it. If it is only read, it stays as it is.
-void look_at_permissions(const std::string& path, bool writes) {
-  constexpr mode_t kOthers = 077;
+void check_permissions(const std::string& path, bool writes) {
+  constexpr mode_t kGroupAndOthers = 077;
   struct stat found {};
-  if (::stat(path.c_str(), &found) != 0 || (found.st_mode & kOthers) == 0) return;
+  if (::stat(path.c_str(), &found) != 0 || (found.st_mode & kGroupAndOthers) == 0) return;
   const auto mode = static_cast<unsigned>(found.st_mode & 0777U);
   if (!writes) {
     log_warning("{}: other users may open it (mode {:04o}): chmod 600 keeps it to you", path, mode);
@@ -52,10 +52,10 @@ void look_at_permissions(const std::string& path, bool writes) {
     return;
   }
   // SQLite creates these files later with the mode of the database.
-  for (const char* ending : {"-wal", "-shm", "-journal"}) {
-    const std::string beside = path + ending;
-    if (::chmod(beside.c_str(), 0600) != 0 && errno != ENOENT) {
-      log_warning("{}: other users may open it: {}", beside, system_text(errno));
+  for (const char* extension : {"-wal", "-shm", "-journal"}) {
+    const std::string companion = path + extension;
+    if (::chmod(companion.c_str(), 0600) != 0 && errno != ENOENT) {
+      log_warning("{}: other users may open it: {}", companion, system_text(errno));
     }
   }
   log_warning("{}: other users could open it (mode {:04o}); now only you can (0600)", path, mode);
@@ -90,19 +90,19 @@ std::string reason_of(sqlite3* handle, int code) {
 }  // namespace
 
 Database::Database(std::string path, const DatabaseKind& kind, DatabaseAccess access,
-                   int patience_ms)
+                   int lock_timeout_ms)
     : path_(std::move(path)), writes_(access != DatabaseAccess::kRead) {
   TARSIER_REQUIRE((kind.application_id == 0) == kind.of_another_program && !kind.versions.empty(),
                   "kind {}", kind.name);
-  TARSIER_REQUIRE(patience_ms >= 0, "patience {} ms", patience_ms);
+  TARSIER_REQUIRE(lock_timeout_ms >= 0, "patience {} ms", lock_timeout_ms);
   try {
-    open(access, patience_ms);
+    open(access, lock_timeout_ms);
     if (kind.of_another_program) {
       make_foreign(kind);
       return;
     }
     identify(kind);
-    look_at_permissions(path_, writes_);  // only for our own databases
+    check_permissions(path_, writes_);  // only for our own databases
     if (writes_) upgrade(kind);
   } catch (...) {
     sqlite3_close_v2(handle_);
@@ -143,7 +143,7 @@ void Database::check(int code) const {
   if (code != SQLITE_OK) fail(code);
 }
 
-void Database::open(DatabaseAccess access, int patience_ms) {
+void Database::open(DatabaseAccess access, int lock_timeout_ms) {
   struct stat found {};
   const bool exists = ::stat(path_.c_str(), &found) == 0;
   if (exists && !S_ISREG(found.st_mode)) refuse("is no regular file");
@@ -158,7 +158,7 @@ void Database::open(DatabaseAccess access, int patience_ms) {
   const int flags =
       (writes_ ? SQLITE_OPEN_READWRITE : SQLITE_OPEN_READONLY) | SQLITE_OPEN_EXRESCODE;
   check(sqlite3_open_v2(plain.c_str(), &handle_, flags, nullptr));
-  check(sqlite3_busy_timeout(handle_, patience_ms));
+  check(sqlite3_busy_timeout(handle_, lock_timeout_ms));
   check(sqlite3_db_config(handle_, SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr));
   check(sqlite3_db_config(handle_, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr));
   check(sqlite3_db_config(handle_, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, nullptr));
@@ -242,7 +242,7 @@ void Database::vacuum() {
 
 std::int64_t Database::version() { return number("PRAGMA user_version"); }
 
-void Database::set_patience(int milliseconds) {
+void Database::set_lock_timeout(int milliseconds) {
   TARSIER_REQUIRE(milliseconds >= 0, "patience {} ms", milliseconds);
   check(sqlite3_busy_timeout(handle_, milliseconds));
 }

@@ -48,10 +48,10 @@ enum class DatabaseAccess {
 
 class Database {
  public:
-  // Throws if the file is locked for longer than `patience_ms`, is not a database, is of another
+  // Throws if the file is locked for longer than `lock_timeout_ms`, is not a database, is of another
   // kind, or has a newer version.
   Database(std::string path, const DatabaseKind& kind, DatabaseAccess access,
-           int patience_ms = 5000);
+           int lock_timeout_ms = 5000);
   ~Database();
   Database(Database&& other) noexcept;
   Database& operator=(Database&& other) noexcept;
@@ -61,8 +61,8 @@ class Database {
   // Rewrites the whole file without deleted data. The temporary copy is in memory for files up to
   // 64 MB, else in an unlinked temporary file.
   void vacuum();
-  [[nodiscard]] std::int64_t version();  // of the file; for writers always the newest
-  void set_patience(int milliseconds);   // how long to wait for a lock
+  [[nodiscard]] std::int64_t version();     // of the file; for writers always the newest
+  void set_lock_timeout(int milliseconds);  // how long to wait for a lock
   [[nodiscard]] std::int64_t last_row_id() const;
   [[nodiscard]] std::int64_t changed_rows() const;  // by the last statement
   [[nodiscard]] const std::string& path() const { return path_; }
@@ -71,7 +71,7 @@ class Database {
   friend class Statement;
   [[noreturn]] void fail(int code) const;
   void check(int code) const;
-  void open(DatabaseAccess access, int patience_ms);
+  void open(DatabaseAccess access, int lock_timeout_ms);
   void make_foreign(const DatabaseKind& kind);
   void identify(const DatabaseKind& kind);
   void upgrade(const DatabaseKind& kind);

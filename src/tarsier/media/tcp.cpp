@@ -122,17 +122,17 @@ void TcpSocket::close() {
   if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
 }
 
-TcpSocket connect_tcp(const std::string& host, std::uint16_t port, milliseconds patience,
+TcpSocket connect_tcp(const std::string& host, std::uint16_t port, milliseconds timeout,
                       const std::stop_token& stop, LiveFailure& failure) {
-  const Clock::time_point deadline = Clock::now() + patience;
+  const Clock::time_point deadline = Clock::now() + timeout;
   failure = {};
   const Resolved resolved = resolve(host, port, deadline, stop);
   if (resolved.addresses.empty()) {
     failure.unreachable = true;
-    // Only a clear "no such name" is definite: a name server that does not answer may recover.
-    failure.definite = resolved.code == EAI_NONAME;
-    failure.reason = failure.definite ? fmt::format("unknown host '{}'", host)
-                                      : fmt::format("the name '{}' could not be looked up", host);
+    // Only a clear "no such name" is permanent: a name server that does not answer may recover.
+    failure.permanent = resolved.code == EAI_NONAME;
+    failure.reason = failure.permanent ? fmt::format("unknown host '{}'", host)
+                                       : fmt::format("the name '{}' could not be looked up", host);
     return {};
   }
   int number = ETIMEDOUT;
@@ -170,7 +170,7 @@ TcpSocket connect_tcp(const std::string& host, std::uint16_t port, milliseconds 
     number = result;
   }
   failure.unreachable = true;
-  failure.definite = number == ECONNREFUSED;
+  failure.permanent = number == ECONNREFUSED;
   failure.reason =
       number == ECONNREFUSED
           ? fmt::format("nothing listens on port {} of {} (connection refused)", port, host)

@@ -29,7 +29,7 @@ class TcpSocket {
 // Resolves the host and connects, trying each address. On failure the socket is closed and
 // `failure` has the reason.
 [[nodiscard]] TcpSocket connect_tcp(const std::string& host, std::uint16_t port,
-                                    std::chrono::milliseconds patience, const std::stop_token& stop,
+                                    std::chrono::milliseconds timeout, const std::stop_token& stop,
                                     LiveFailure& failure);
 
 // Waits until `descriptor` has one of `events` (of poll()) or an error. Returns false after

@@ -46,9 +46,9 @@ class TlsStream {
   [[nodiscard]] Step handshake();
   [[nodiscard]] bool is_ready() const { return ready_; }  // the handshake is done
   // The reason of kFailed, for the user, and what to do.
-  [[nodiscard]] const std::string& trouble() const { return trouble_; }
+  [[nodiscard]] const std::string& error() const { return error_; }
   // Whether a retry cannot help: an invalid certificate, or no TLS at all.
-  [[nodiscard]] bool is_definite() const { return definite_; }
+  [[nodiscard]] bool is_permanent() const { return permanent_; }
 
   // As ::recv() and ::send() of a non-blocking socket: the number of bytes, 0 at the end (recv), or
   // -1 with errno EAGAIN or EPROTO. After send() failed with EAGAIN the same bytes must be passed
@@ -66,8 +66,8 @@ class TlsStream {
   std::string host_;
   std::unique_ptr<Impl> impl_;
   bool ready_ = false;
-  bool definite_ = false;
-  std::string trouble_;
+  bool permanent_ = false;
+  std::string error_;
 };
 
 }  // namespace tarsier

@@ -136,7 +136,7 @@ TEST_F(TlsTest, OtherServersAreRefusedBeforeAnythingIsSent) {
     const TlsServer server(one.certificate, [](const std::string&) { return video(); });
     const Outcome outcome = read_http(server.url("/", "me:secret@"));
     EXPECT_TRUE(outcome.image.empty());
-    EXPECT_TRUE(outcome.failure.definite);
+    EXPECT_TRUE(outcome.failure.permanent);
     EXPECT_THAT(outcome.failure.reason,
                 AllOf(HasSubstr(one.expected), HasSubstr("option 'insecure'")));
     EXPECT_THAT(server.requests(), IsEmpty());
@@ -166,7 +166,7 @@ TEST_F(TlsTest, RedirectsStayEncryptedAndKeepThePasswordHome) {
   HttpServer plain;
   const TlsServer away(good_, [&](const std::string&) { return redirect_to(plain.url()); });
   const Outcome outcome = read_http(away.url("/", "me:secret@"));
-  EXPECT_TRUE(outcome.failure.definite);
+  EXPECT_TRUE(outcome.failure.permanent);
   EXPECT_THAT(outcome.failure.reason, HasSubstr("only https is followed"));
   EXPECT_EQ(plain.connections(), 0);
 
@@ -205,13 +205,13 @@ TEST_F(TlsTest, PlaylistsAreRefusedUnlessInsecure) {
         "HTTP/1.1 200 OK\r\nContent-Type: application/vnd.apple.mpegurl\r\n\r\n#EXTM3U\n");
   });
   const Outcome outcome = read_http(server.url());
-  EXPECT_TRUE(outcome.failure.definite);
+  EXPECT_TRUE(outcome.failure.permanent);
   EXPECT_THAT(outcome.failure.reason, AllOf(HasSubstr("playlist"), HasSubstr("option 'insecure'")));
 }
 
 TEST_F(TlsTest, OtherVideosGoThroughFfmpegVerified) {
   {
-    VideoEncoder encoder(path("v.avi"), "v.avi", {64, 48}, {.ending = ".avi"});
+    VideoEncoder encoder(path("v.avi"), "v.avi", {64, 48}, {.extension = ".avi"});
     for (int i = 0; i < 50; ++i) encoder.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar::all(120)));
     encoder.finish();
   }
@@ -276,10 +276,10 @@ TEST_F(TlsTest, TheTunnelPassesOnWhatIsNoRedirect) {
     return got;
   };
   EXPECT_EQ(ask(), answer);
-  EXPECT_EQ(tunnel.trouble(), "");
+  EXPECT_EQ(tunnel.error(), "");
   reply = "RTSP/1.0 302 Moved\r\nLocation: rtsp://127.0.0.1/\r\n\r\n";
   EXPECT_EQ(ask(), "");
-  EXPECT_THAT(tunnel.trouble(), HasSubstr("redirects"));
+  EXPECT_THAT(tunnel.error(), HasSubstr("redirects"));
 }
 
 }  // namespace

@@ -41,17 +41,17 @@ class ViewerBackend final : public LiveBackend {
   ViewerBackend& operator=(const ViewerBackend&) = delete;
 
   std::optional<LiveFailure> open(milliseconds, const std::stop_token&) override { return {}; }
-  LiveRead read(milliseconds patience, const std::stop_token& stop) override;
+  LiveRead read(milliseconds timeout, const std::stop_token& stop) override;
   bool reachable(milliseconds, const std::stop_token&) override { return false; }
   [[nodiscard]] std::string detail() const override { return "a viewer's camera"; }
   [[nodiscard]] double fps() const override { return 0; }
-  [[nodiscard]] bool may_wake_up() const override { return true; }
+  [[nodiscard]] bool may_recover() const override { return true; }
   [[nodiscard]] double startup_s() const override { return kCameraStartup_s; }
   [[nodiscard]] bool opens_once() const override { return true; }
 
  private:
   bool drain(LiveRead& result);
-  void warn(const std::string& trouble);
+  void warn(const std::string& error);
 
   const int fd_;
   const std::string label_;
@@ -74,21 +74,21 @@ bool ViewerBackend::drain(LiveRead& result) {
   return !records_.is_broken();
 }
 
-void ViewerBackend::warn(const std::string& trouble) {
+void ViewerBackend::warn(const std::string& error) {
   const Clock::time_point now = Clock::now();
   if (warned_ && now - *warned_ < kQuiet) {
     ++not_warned_of_;
     return;
   }
-  log_warning("{}: an image is skipped: {}{}", label_, trouble,
+  log_warning("{}: an image is skipped: {}{}", label_, error,
               not_warned_of_ > 0 ? fmt::format(" ({} more before)", not_warned_of_) : "");
   warned_ = now;
   not_warned_of_ = 0;
 }
 
-LiveRead ViewerBackend::read(milliseconds patience, const std::stop_token& stop) {
+LiveRead ViewerBackend::read(milliseconds timeout, const std::stop_token& stop) {
   LiveRead result;
-  const Clock::time_point deadline = Clock::now() + patience;
+  const Clock::time_point deadline = Clock::now() + timeout;
   while (!stop.stop_requested()) {
     const auto left = std::chrono::ceil<milliseconds>(deadline - Clock::now());
     const auto slice = std::clamp(left, milliseconds(0), milliseconds(50));
@@ -97,14 +97,14 @@ LiveRead ViewerBackend::read(milliseconds patience, const std::stop_token& stop)
       const bool is_open = drain(result);
       if (records_.has_image()) {
         const std::vector<std::uint8_t> bytes = records_.take();
-        const std::string trouble = trouble_of_viewer_image(bytes);
-        if (trouble.empty()) {
+        const std::string error = viewer_image_error(bytes);
+        if (error.empty()) {
           result.kind = LiveRead::Kind::kFrame;
           result.image.encoded = bytes;
           result.image.arrived = Clock::now();
           return result;
         }
-        warn(trouble);
+        warn(error);
         result.frames = 0;
       }
       if (!is_open) {
@@ -113,7 +113,7 @@ LiveRead ViewerBackend::read(milliseconds patience, const std::stop_token& stop)
                                         ? "a record's length is 0 or beyond 16 MB: the rest of "
                                           "what comes cannot be read"
                                         : "the viewer's camera has ended",
-                          .definite = true};
+                          .permanent = true};
         return result;
       }
     }
@@ -178,7 +178,7 @@ std::int64_t ViewerParser::feed(std::span<const std::uint8_t> bytes) {
 
 std::vector<std::uint8_t> ViewerParser::take() { return std::exchange(newest_, {}); }
 
-std::string trouble_of_viewer_image(std::span<const std::uint8_t> bytes) {
+std::string viewer_image_error(std::span<const std::uint8_t> bytes) {
   const std::optional<ImageFormat> format = image_format_of(bytes);
   if (!format) return describe_not_an_image(bytes);
   if (*format != ImageFormat::kJpeg) return fmt::format("is {}, not JPEG", name_of(*format));

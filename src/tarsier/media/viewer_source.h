@@ -46,7 +46,7 @@ class ViewerParser {
 
 // The error in a record: not a JPEG, truncated, too many pixels. Empty if none is found without
 // decoding.
-[[nodiscard]] std::string trouble_of_viewer_image(std::span<const std::uint8_t> bytes);
+[[nodiscard]] std::string viewer_image_error(std::span<const std::uint8_t> bytes);
 
 // One connection over `fd`, which the backend closes. Invalid images are skipped, with a warning at
 // most once a second. The end of the records is the end of the source.

@@ -27,7 +27,7 @@ using ::testing::HasSubstr;
 using Bytes = std::vector<std::uint8_t>;
 using Clock = std::chrono::steady_clock;
 
-constexpr std::chrono::seconds kPatience{300};  // only a failing test waits this long
+constexpr std::chrono::seconds kTimeout{300};  // only a failing test waits this long
 
 Bytes jpeg(int value, cv::Size size = {64, 48}) {
   return encode_image(".jpg", cv::Mat(size, CV_8UC3, cv::Scalar::all(value)), "test", 90);
@@ -80,13 +80,13 @@ TEST(ViewerParser, ALengthOfNothingOrTooMuchEndsIt) {
 
 TEST(ViewerImage, OnlyWholeJpegsWillDo) {
   const Bytes good = jpeg(80);
-  EXPECT_EQ(trouble_of_viewer_image(good), "");
-  EXPECT_NE(trouble_of_viewer_image(Bytes(good.begin(), good.begin() + 100)), "");
-  EXPECT_NE(trouble_of_viewer_image(Bytes(good.begin(), good.end() - 40)), "");
-  EXPECT_NE(trouble_of_viewer_image(Bytes{'h', 'e', 'l', 'l', 'o'}), "");
-  EXPECT_NE(trouble_of_viewer_image({}), "");
+  EXPECT_EQ(viewer_image_error(good), "");
+  EXPECT_NE(viewer_image_error(Bytes(good.begin(), good.begin() + 100)), "");
+  EXPECT_NE(viewer_image_error(Bytes(good.begin(), good.end() - 40)), "");
+  EXPECT_NE(viewer_image_error(Bytes{'h', 'e', 'l', 'l', 'o'}), "");
+  EXPECT_NE(viewer_image_error({}), "");
   const Bytes png = encode_image(".png", cv::Mat(8, 8, CV_8UC3, cv::Scalar(0)), "test");
-  EXPECT_EQ(trouble_of_viewer_image(png), "is PNG, not JPEG");
+  EXPECT_EQ(viewer_image_error(png), "is PNG, not JPEG");
 }
 
 class ViewerSourceTest : public ::testing::Test {
@@ -114,11 +114,11 @@ class ViewerSourceTest : public ::testing::Test {
     if (to_ >= 0) ::close(std::exchange(to_, -1));
   }
   int value_of_next() {
-    const auto frame = source_->next(kPatience, {});
+    const auto frame = source_->next(kTimeout, {});
     return frame ? frame->image.at<cv::Vec3b>(5, 5)[1] : -1;
   }
   static bool eventually(const std::function<bool()>& condition) {
-    const auto end = Clock::now() + kPatience;
+    const auto end = Clock::now() + kTimeout;
     while (Clock::now() < end) {
       if (condition()) return true;
       std::this_thread::sleep_for(milliseconds(2));
@@ -161,7 +161,7 @@ TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
   const auto at = std::search(broken.begin(), broken.end(), table.begin(), table.end());
   ASSERT_GT(broken.end() - at, 21);
   std::fill(at + 5, at + 21, std::uint8_t{0xff});
-  ASSERT_EQ(trouble_of_viewer_image(broken), "");
+  ASSERT_EQ(viewer_image_error(broken), "");
   const ScopedLogLevel warnings(LogLevel::kWarning);
   ::testing::internal::CaptureStderr();
   for (int i = 0; i < 20; ++i) {
@@ -210,15 +210,15 @@ TEST_F(ViewerSourceTest, AStopWakesIt) {
     stop.request_stop();
   });
   const auto begin = Clock::now();
-  EXPECT_FALSE(source_->next(kPatience, stop.get_token()));
-  EXPECT_LT(Clock::now() - begin, kPatience / 2);
+  EXPECT_FALSE(source_->next(kTimeout, stop.get_token()));
+  EXPECT_LT(Clock::now() - begin, kTimeout / 2);
   other.join();
 }
 
 TEST(ViewerScheme, NamesAndTheEnvironmentAreChecked) {
   const std::vector<Scheme> schemes{viewer_scheme()};
   EXPECT_EQ(classify_source("viewer:ab12", schemes), SourceKind::kScheme);
-  const auto trouble_of = [&](const std::string& text) {
+  const auto error_of = [&](const std::string& text) {
     try {
       (void)open_source(text, {}, schemes);
     } catch (const InputError& error) {
@@ -227,13 +227,13 @@ TEST(ViewerScheme, NamesAndTheEnvironmentAreChecked) {
     return std::string();
   };
   ::unsetenv("TARSIER_VIEWER");
-  EXPECT_THAT(trouble_of("viewer:ab12"), HasSubstr("TARSIER_VIEWER is not set"));
+  EXPECT_THAT(error_of("viewer:ab12"), HasSubstr("TARSIER_VIEWER is not set"));
   for (const char* bad : {"viewer:", "viewer:a/b", "viewer:a b", "viewer:../x"})
-    EXPECT_THAT(trouble_of(bad), HasSubstr("expected viewer:NAME")) << bad;
-  EXPECT_THAT(trouble_of("viewer:" + std::string(65, 'a')), HasSubstr("expected viewer:NAME"));
+    EXPECT_THAT(error_of(bad), HasSubstr("expected viewer:NAME")) << bad;
+  EXPECT_THAT(error_of("viewer:" + std::string(65, 'a')), HasSubstr("expected viewer:NAME"));
   for (const char* bad : {"2", "-1", "x", "3x", "60000"}) {
     ::setenv("TARSIER_VIEWER", bad, 1);
-    EXPECT_THAT(trouble_of("viewer:ab12"), HasSubstr("no open file descriptor")) << bad;
+    EXPECT_THAT(error_of("viewer:ab12"), HasSubstr("no open file descriptor")) << bad;
   }
   int ends[2];
   ASSERT_EQ(::pipe(ends), 0);
@@ -241,7 +241,7 @@ TEST(ViewerScheme, NamesAndTheEnvironmentAreChecked) {
   {
     const auto source = open_source("viewer:ab12", {}, schemes);
     EXPECT_TRUE(source->is_live());
-    EXPECT_THAT(trouble_of("viewer:cd34"), HasSubstr("is open already"));
+    EXPECT_THAT(error_of("viewer:cd34"), HasSubstr("is open already"));
   }
   EXPECT_LT(::fcntl(ends[0], F_GETFD), 0) << "it is closed with the source";
   ::close(ends[1]);

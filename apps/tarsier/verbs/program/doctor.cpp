@@ -220,13 +220,13 @@ std::string modes_of(const CameraInfo& camera) {
 
 void look_at_cameras(std::vector<Item>& items, const std::vector<CameraInfo>& cameras) {
   for (const CameraInfo& camera : cameras) {
-    if (camera.trouble.empty()) {
+    if (camera.error.empty()) {
       items.push_back({"cameras", camera.path, Finding::kOk,
                        fmt::format("{}: {}", camera.card, modes_of(camera)),
                        fmt::format("tarsier cartoon run {} --window",
                                    camera.links.empty() ? camera.path : camera.links.front())});
     } else {
-      items.push_back({"cameras", camera.path, Finding::kProblem, camera.trouble,
+      items.push_back({"cameras", camera.path, Finding::kProblem, camera.error,
                        "often: sudo usermod -aG video $USER, then log in again"});
     }
   }
@@ -380,7 +380,7 @@ void look_at_data(std::vector<Item>& items) {
     const ModelStore store = ModelStore::find();
     const bool deep = face::has_deep_templates(store);
     items.push_back({"data", "face network", deep ? Finding::kOk : Finding::kNote,
-                     deep ? store.place_of("face-embedding.json")
+                     deep ? store.expected_path("face-embedding.json")
                           : "not installed: people are compared by classic templates",
                      deep ? "`people train --template deep` computes a gallery's templates with it"
                           : "deep templates know many more faces in the wild: "
@@ -393,7 +393,7 @@ void look_at_data(std::vector<Item>& items) {
                                     "tells its SHA-256 and licence"});
     const bool anchors = face::has_anchor_detector(store);
     items.push_back({"data", "face detector", anchors ? Finding::kOk : Finding::kNote,
-                     anchors ? store.place_of(face::kAnchorDetectorFile)
+                     anchors ? store.expected_path(face::kAnchorDetectorFile)
                              : "only the one that ships is installed",
                      anchors ? "it works beside the one that ships"
                              : "another beside it finds more faces with sunglasses, caps and "
@@ -504,9 +504,9 @@ json camera_json(const CameraInfo& camera) {
                      {"height", mode.height},
                      {"fps", mode.fps}});
   }
-  return {{"path", camera.path},      {"links", camera.links}, {"card", camera.card},
-          {"driver", camera.driver},  {"bus", camera.bus},     {"modes", modes},
-          {"trouble", camera.trouble}};
+  return {{"path", camera.path},     {"links", camera.links}, {"card", camera.card},
+          {"driver", camera.driver}, {"bus", camera.bus},     {"modes", modes},
+          {"trouble", camera.error}};
 }
 
 void print_findings(const std::vector<Item>& items, const std::vector<CameraInfo>& found) {

@@ -171,7 +171,7 @@ void give_room_back(Database& database, std::int64_t deleted, const ForgetOption
     if (options.between) options.between(deleted);
   }
   // The checkpoint blocks other writers while it waits for readers: keep that short.
-  database.set_patience(100);
+  database.set_lock_timeout(100);
   database.run("PRAGMA wal_checkpoint(TRUNCATE)");
 }
 

@@ -91,7 +91,7 @@ class PlateRecorder::Writer {
   Writer(const std::string& path, const RecorderOptions& options)
       : options_((options.check(), options)), log_(path) {
     run_ = log_.begin_run(process_name(), is_running);
-    log_.set_patience(options_.attempt_ms);
+    log_.set_lock_timeout(options_.attempt_ms);
     thread_ = std::jthread([this](const std::stop_token& stop) {
       try {
         work(stop);
