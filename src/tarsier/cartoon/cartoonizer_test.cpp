@@ -159,13 +159,13 @@ TEST_F(FaceCascade, IsLookedForBeforeTheFirstFrame) {
 }
 
 TEST_F(FaceCascade, OfTheStoreGoesFirst) {
-  const std::string usual = face::find_cascade(Cartoonizer::kFaceCascade);
-  if (usual.empty()) GTEST_SKIP() << "no cascade files (Debian: opencv-data)";
+  const std::string default_cascade = face::find_cascade(Cartoonizer::kFaceCascade);
+  if (default_cascade.empty()) GTEST_SKIP() << "no cascade files (Debian: opencv-data)";
   CartoonOptions options;
   options.mode = Mode::kAlien;
   options.skin.face = FaceMode::kAuto;
   EXPECT_EQ(Cartoonizer::load(ModelStore(folder_), options).options().skin.cascade, "");
-  std::filesystem::copy_file(usual, path(Cartoonizer::kFaceCascade));
+  std::filesystem::copy_file(default_cascade, path(Cartoonizer::kFaceCascade));
   const auto cartoonizer = Cartoonizer::load(ModelStore(folder_), options);
   EXPECT_EQ(cartoonizer.options().skin.cascade, path(Cartoonizer::kFaceCascade));
   CartoonizerState state;

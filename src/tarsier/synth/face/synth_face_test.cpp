@@ -100,7 +100,7 @@ TEST_F(SynthFaceTest, IsTheSameForASeedAndAnyThreads) {
 
 TEST_F(SynthFaceTest, KeepsAGivenImageAroundTheHead) {
   FaceSceneOptions options;
-  options.with_ground = false;
+  options.with_background = false;
   options.noise = 0;
   options.blur_px = 0;
   cv::Mat image(240, 320, CV_8UC3, cv::Scalar(1, 2, 3));
