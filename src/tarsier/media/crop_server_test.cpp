@@ -55,7 +55,7 @@ class CropServerTest : public FolderTest {
   CropServerOptions options_;
 };
 
-TEST_F(CropServerTest, GivesAnImageToWhoKnowsItsHash) {
+TEST_F(CropServerTest, ServesImageByHash) {
   CropServer server(options_);
   const std::string hash = server.add(image(90));
   EXPECT_EQ(server.add(image(90)), hash);
@@ -67,7 +67,7 @@ TEST_F(CropServerTest, GivesAnImageToWhoKnowsItsHash) {
   EXPECT_EQ(sum.hex(), hash);
 }
 
-TEST_F(CropServerTest, GivesNothingElse) {
+TEST_F(CropServerTest, RejectsOtherRequests) {
   CropServer server(options_);
   const std::string url = server.url_of(server.add(image(90)));
   const std::string base = url.substr(0, url.find("/crop/"));
@@ -79,7 +79,7 @@ TEST_F(CropServerTest, GivesNothingElse) {
   EXPECT_THAT(get(url, "Origin: http://evil.example\r\n"), StartsWith("HTTP/1.1 403"));
 }
 
-TEST_F(CropServerTest, AsksForTheToken) {
+TEST_F(CropServerTest, RequiresToken) {
   options_.access.token = "0123456789abcdef";
   CropServer server(options_);
   const std::string url = server.url_of(server.add(image(90)));
@@ -87,14 +87,14 @@ TEST_F(CropServerTest, AsksForTheToken) {
   EXPECT_THAT(get(url, "Authorization: Bearer 0123456789abcdef\r\n"), StartsWith("HTTP/1.1 200"));
 }
 
-TEST_F(CropServerTest, OtherMachinesNeedAToken) {
+TEST_F(CropServerTest, RemoteAccessRequiresToken) {
   options_.url = "http://0.0.0.0:0/";
   EXPECT_THROW(CropServer{options_}, UsageError);
   options_.access.listen_all = true;
   EXPECT_THROW(CropServer{options_}, UsageError);
 }
 
-TEST_F(CropServerTest, KeepsSoManyOverARestart) {
+TEST_F(CropServerTest, EnforcesMaxCropsAfterRestart) {
   options_.max_crops = 2;
   {
     CropServer server(options_);

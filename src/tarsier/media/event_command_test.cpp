@@ -43,7 +43,7 @@ class EventCommandTest : public FolderTest {
   }
 };
 
-TEST_F(EventCommandTest, EachEventIsOneRunInOrder) {
+TEST_F(EventCommandTest, RunsOncePerEventInOrder) {
   EventCommand command("cat >>'" + path("events") + "'; echo end >>'" + path("events") + "'", {});
   for (int k = 0; k < 5; ++k) command.post("{\"n\":" + std::to_string(k) + "}");
   command.finish();
@@ -53,7 +53,7 @@ TEST_F(EventCommandTest, EachEventIsOneRunInOrder) {
   EXPECT_EQ(command.counts().dropped, 0);
 }
 
-TEST_F(EventCommandTest, EventsAreNoPartOfTheCommand) {
+TEST_F(EventCommandTest, DoesNotInterpretEventAsCommand) {
   EventCommand command("cat >>'" + path("events") + "'", {});
   command.post("$(touch '" + path("broken") + "') `id` ; '\"");
   command.finish();
@@ -61,7 +61,7 @@ TEST_F(EventCommandTest, EventsAreNoPartOfTheCommand) {
   EXPECT_EQ(files(), 1U);
 }
 
-TEST_F(EventCommandTest, ACommandThatHangsBlocksNobodyAndTheOldestAreDropped) {
+TEST_F(EventCommandTest, HangingCommandDropsOldestEvents) {
   const std::string started = pipe("started");
   const std::string gate = pipe("gate");
   EventCommandOptions options;
@@ -84,7 +84,7 @@ TEST_F(EventCommandTest, ACommandThatHangsBlocksNobodyAndTheOldestAreDropped) {
   EXPECT_EQ(command.counts().ended, 4);
 }
 
-TEST_F(EventCommandTest, ACommandNeedNotReadItsEvent) {
+TEST_F(EventCommandTest, CommandMayIgnoreItsInput) {
   EventCommand command("exit 0", {});
   const std::string large(1'000'000, 'x');  // more than a pipe can hold
   command.post(large);
@@ -93,7 +93,7 @@ TEST_F(EventCommandTest, ACommandNeedNotReadItsEvent) {
   EXPECT_EQ(command.counts().ended, 2);
 }
 
-TEST_F(EventCommandTest, LargeEventsComeWhole) {
+TEST_F(EventCommandTest, PassesLargeEventsCompletely) {
   EventCommand command("cat >'" + path("event") + "'", {});
   const std::string large(1'000'000, 'x');
   command.post(large);
@@ -101,7 +101,7 @@ TEST_F(EventCommandTest, LargeEventsComeWhole) {
   EXPECT_EQ(contents(path("event")), large + '\n');
 }
 
-TEST_F(EventCommandTest, TheTimeoutKillsTheChildrenOfTheChild) {
+TEST_F(EventCommandTest, TimeoutKillsDescendants) {
   const std::string held = pipe("held");
   EventCommandOptions options;
   options.timeout_s = 0.2;
@@ -116,7 +116,7 @@ TEST_F(EventCommandTest, TheTimeoutKillsTheChildrenOfTheChild) {
   EXPECT_EQ(command.counts().killed, 1);
 }
 
-TEST_F(EventCommandTest, TheEndIsBounded) {
+TEST_F(EventCommandTest, FinishHasTimeLimit) {
   const std::string started = pipe("started");
   EventCommandOptions options;
   options.timeout_s = 3600;
@@ -132,7 +132,7 @@ TEST_F(EventCommandTest, TheEndIsBounded) {
   EXPECT_EQ(command.counts().dropped, 2);
 }
 
-TEST_F(EventCommandTest, AnInterruptionEndsTheWaiting) {
+TEST_F(EventCommandTest, InterruptionEndsFinish) {
   const std::string started = pipe("started");
   EventCommandOptions options;
   options.timeout_s = options.finish_s = 3600;
@@ -147,7 +147,7 @@ TEST_F(EventCommandTest, AnInterruptionEndsTheWaiting) {
   EXPECT_EQ(command.counts().killed, 1);
 }
 
-TEST_F(EventCommandTest, OurFilesAreNotTheirs) {
+TEST_F(EventCommandTest, ChildrenInheritNoDescriptors) {
   const int file = ::open(path("secret").c_str(), O_RDWR | O_CREAT, 0600);  // stays open over exec
   EventCommand command("ls -l /proc/self/fd >'" + path("files") + "'", {});
   command.post("");

@@ -68,7 +68,7 @@ TEST_F(FrameSinkTest, TextsAreClassified) {
     EXPECT_THROW((void)classify_sink(bad), UsageError) << bad;
 }
 
-TEST_F(FrameSinkTest, NoneTakesEverything) {
+TEST_F(FrameSinkTest, NoneAcceptsEverything) {
   const auto sink = open_sink("none");
   EXPECT_EQ(sink->write(filled(4, 4, 1), moment(0)), "");
   sink->finish();
@@ -86,7 +86,7 @@ TEST_F(FrameSinkTest, OneImageGoesToAFile) {
   EXPECT_THROW((void)open_sink(path("b.png"), many), UsageError);
 }
 
-TEST_F(FrameSinkTest, UnwritableTargetsAreFoundBeforeTheWork) {
+TEST_F(FrameSinkTest, RejectsUnwritableTargetOnOpen) {
   EXPECT_THROW((void)open_sink(path("none/a.png")), OutputError);
   EXPECT_THROW((void)open_sink(path("none/a.mp4")), OutputError);
   std::ofstream(path("file")) << "x";
@@ -100,7 +100,7 @@ TEST_F(FrameSinkTest, AFullDeviceIsAnOutputError) {
   EXPECT_THROW((void)sink->write(filled(5, 4, 77), still("x.jpg")), OutputError);
 }
 
-TEST_F(FrameSinkTest, FolderKeepsNamesAndEndings) {
+TEST_F(FrameSinkTest, FolderKeepsNamesAndExtensions) {
   const auto sink = open_sink(path("new/out"));
   EXPECT_EQ(sink->write(filled(4, 4, 1), still("/a/cat.jpg")), path("new/out/cat.jpg"));
   EXPECT_EQ(sink->write(filled(4, 4, 2), still("/b/cat.jpg")), path("new/out/cat-2.jpg"));
@@ -114,7 +114,7 @@ TEST_F(FrameSinkTest, FolderKeepsNamesAndEndings) {
   EXPECT_NEAR(read_image(path("new/out/cat-2.jpg")).at<cv::Vec3b>(1, 1)[0], 2, 1);
 }
 
-TEST_F(FrameSinkTest, FolderTakesAnEnding) {
+TEST_F(FrameSinkTest, FolderUsesGivenExtension) {
   SinkOptions options;
   options.folder_extension = ".webp";
   const auto sink = open_sink(path("out/"), options);
@@ -125,7 +125,7 @@ TEST_F(FrameSinkTest, FolderTakesAnEnding) {
   EXPECT_THROW((void)open_sink(path("out/"), options), std::invalid_argument);
 }
 
-TEST_F(FrameSinkTest, SourcesAreNotReplaced) {
+TEST_F(FrameSinkTest, DoesNotOverwriteSources) {
   write_image(path("a.png"), filled(4, 4, 200));
   const auto sink = open_sink(folder_);
   EXPECT_THROW((void)sink->write(filled(4, 4, 1), still(path("a.png"))), OutputError);
@@ -134,7 +134,7 @@ TEST_F(FrameSinkTest, SourcesAreNotReplaced) {
 
 class VideoSinkTest : public FrameSinkTest, public testing::WithParamInterface<const char*> {};
 
-TEST_P(VideoSinkTest, ComesBackWithAllItsFrames) {
+TEST_P(VideoSinkTest, RoundTripKeepsAllFrames) {
   const std::string file = path(std::string("v:1") + GetParam());
   SinkOptions options;
   options.fps = 12.5;
@@ -160,7 +160,7 @@ TEST_P(VideoSinkTest, ComesBackWithAllItsFrames) {
   EXPECT_THROW((void)sink->write(filled(65, 49, 0), moment(20)), std::invalid_argument);
 }
 
-TEST_P(VideoSinkTest, FramesOfAnotherSizeAreFitted) {
+TEST_P(VideoSinkTest, FitsFramesOfAnotherSize) {
   const std::string file = path(std::string("v") + GetParam());
   const auto sink = open_sink(file);
   (void)sink->write(filled(64, 48, 255), moment(0));
@@ -179,7 +179,7 @@ TEST_P(VideoSinkTest, FramesOfAnotherSizeAreFitted) {
   EXPECT_GT(frame.at<cv::Vec3b>(24, 32)[1], 200);
 }
 
-TEST_P(VideoSinkTest, UnfinishedLeavesNothing) {
+TEST_P(VideoSinkTest, UnfinishedVideoIsRemoved) {
   const std::string file = path(std::string("v") + GetParam());
   std::ofstream(file) << "old";
   {
@@ -193,7 +193,7 @@ TEST_P(VideoSinkTest, UnfinishedLeavesNothing) {
   EXPECT_EQ(files(), 1U);
 }
 
-TEST_P(VideoSinkTest, AFullDiskIsNoticedAndTheOldFileKept) {
+TEST_P(VideoSinkTest, FullDiskThrowsAndKeepsOldFile) {
   const std::string file = path(std::string("v") + GetParam());
   std::ofstream(file) << "old";
   struct ::rlimit before {};
@@ -274,42 +274,43 @@ int record_and_kill(const std::string& file, int frames) {
     ::_exit(127);
   }
   ::close(output[1]);
-  int said = 0;
+  int written = 0;
   const auto take = [&] {
     char text[256];
     const ssize_t count = ::read(output[0], text, sizeof text);
-    said += count > 0 ? static_cast<int>(std::count(text, text + count, kTaken)) : 0;
+    written += count > 0 ? static_cast<int>(std::count(text, text + count, kTaken)) : 0;
     return count > 0;
   };
-  while (said < frames && take()) {
+  while (written < frames && take()) {
   }
   ::kill(child, SIGKILL);
   while (take()) {
   }
   ::close(output[0]);
   ::waitpid(child, nullptr, 0);
-  return said;
+  return written;
 }
 
 class RecordingTest : public FrameSinkTest, public testing::WithParamInterface<const char*> {};
 
-TEST_P(RecordingTest, PlaysAfterAKillAtAnyMoment) {
+TEST_P(RecordingTest, IsPlayableAfterKill) {
   int last = 0;
   for (const int frames : {80, 131, 457}) {
     const std::string file = path(std::to_string(frames) + GetParam());
-    const int said = record_and_kill(file, frames);
-    ASSERT_GE(said, frames);
+    const int written = record_and_kill(file, frames);
+    ASSERT_GE(written, frames);
     EXPECT_FALSE(fs::exists(file));
     const std::string part = path(std::to_string(frames) + ".part" + GetParam());
-    const int kept = frames_in(part);
-    EXPECT_GE(kept, said - 2 * 25) << "of " << said << ": more than two seconds are missing";
-    EXPECT_LE(kept, said + 1);
-    last = kept;
+    const int recovered = frames_in(part);
+    EXPECT_GE(recovered, written - 2 * 25)
+        << "of " << written << ": more than two seconds are missing";
+    EXPECT_LE(recovered, written + 1);
+    last = recovered;
   }
   EXPECT_GT(last, 400);
 }
 
-TEST_P(RecordingTest, GetsItsNameAtTheEndAndPlaysWhole) {
+TEST_P(RecordingTest, IsRenamedAndCompleteAfterFinish) {
   const std::string file = path(std::string("v") + GetParam());
   SinkOptions options;
   options.recording = true;
@@ -322,7 +323,7 @@ TEST_P(RecordingTest, GetsItsNameAtTheEndAndPlaysWhole) {
   EXPECT_EQ(frames_in(file), 60);
 }
 
-TEST_P(RecordingTest, IsKeptWhenItCannotBeFinished) {
+TEST_P(RecordingTest, IsKeptIfFinishFails) {
   const std::string part = path(std::string("v.part") + GetParam());
   testing::internal::CaptureStderr();
   {
@@ -339,7 +340,7 @@ TEST_P(RecordingTest, IsKeptWhenItCannotBeFinished) {
 INSTANTIATE_TEST_SUITE_P(Containers, RecordingTest, testing::Values(".mp4", ".avi", ".mkv"),
                          [](const auto& suite) { return std::string(suite.param + 1); });
 
-TEST_F(FrameSinkTest, SegmentsAreFilesOfTheirOwnAndNumbersGoOn) {
+TEST_F(FrameSinkTest, SegmentsAreSeparateFilesWithContinuedNumbers) {
   SinkOptions options;
   options.fps = 10;
   options.segment_s = 2;

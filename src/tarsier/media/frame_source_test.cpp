@@ -95,7 +95,7 @@ std::string open_error(const std::string& text) {
   });
 }
 
-TEST_F(FrameSourceTest, KindsAreToldApart) {
+TEST_F(FrameSourceTest, ClassifiesSources) {
   const std::vector<Scheme> schemes = {{"synth", {}}};
   const auto kind = [&](const std::string& text) { return classify_source(text, schemes); };
   EXPECT_EQ(kind("0"), SourceKind::kCamera);
@@ -118,7 +118,7 @@ TEST_F(FrameSourceTest, KindsAreToldApart) {
             SourceKind::kVideo);
 }
 
-TEST_F(FrameSourceTest, NothingElseGetsThrough) {
+TEST_F(FrameSourceTest, RejectsOtherTexts) {
   for (const std::string text :
        {"", "nowhere.jpg", "videotestsrc ! appsink", "ftp://h/x", "file:///etc/passwd", "udp://h:1",
         "synth:scene", "gst:videotestsrc", "picam:x", "http://", "@nowhere.txt", "/dev/null",
@@ -147,7 +147,7 @@ TEST_F(FrameSourceTest, AnImageIsOneStillFrame) {
   EXPECT_EQ(source->fps(), 0);
 }
 
-TEST_F(FrameSourceTest, AFolderIsReadInNaturalOrderImagesOnly) {
+TEST_F(FrameSourceTest, FolderYieldsOnlyImagesInNaturalOrder) {
   image("img10.jpg", 10);
   image("img2.JPG", 2);
   image("img1.jpeg", 1);
@@ -172,7 +172,7 @@ TEST_F(FrameSourceTest, ASequenceHasTimes) {
   EXPECT_DOUBLE_EQ(read.frames[2].time, 0.2);
 }
 
-TEST_F(FrameSourceTest, GlobsAndListsAndSeveralInputsFollowEachOther) {
+TEST_F(FrameSourceTest, ConcatenatesGlobsListsAndInputs) {
   image("a1.jpg", 1);
   image("a2.jpg", 2);
   image("sub/b.jpg", 3);
@@ -190,7 +190,7 @@ TEST_F(FrameSourceTest, GlobsAndListsAndSeveralInputsFollowEachOther) {
   EXPECT_LT(read.frames[2].time, read.frames[4].time);  // the second video comes after the first
 }
 
-TEST_F(FrameSourceTest, ABatchKeepsItsNumbersAndTellsWhatItSkips) {
+TEST_F(FrameSourceTest, BatchKeepsNumbersAndReportsSkipped) {
   image("1.jpg", 1);
   write("2.jpg", "this is no image");
   std::vector<std::int64_t> skipped;
@@ -213,7 +213,7 @@ TEST_F(FrameSourceTest, ABatchKeepsItsNumbersAndTellsWhatItSkips) {
   EXPECT_TRUE(make_batch_source({}, on_skip)->ended());
 }
 
-TEST_F(FrameSourceTest, UnreadableImagesAmongSeveralAreSkippedAndTold) {
+TEST_F(FrameSourceTest, SkipsAndReportsUnreadableImages) {
   image("1.jpg", 1);
   write("2.jpg", "this is no image");
   image("3.jpg", 3);
@@ -234,7 +234,7 @@ TEST_F(FrameSourceTest, UnreadableImagesAmongSeveralAreSkippedAndTold) {
   EXPECT_EQ(list->skipped().size(), 1U);
 }
 
-TEST_F(FrameSourceTest, NothingReadableIsAnError) {
+TEST_F(FrameSourceTest, NoReadableImageIsAnError) {
   write("1.jpg", "no");
   EXPECT_THAT(open_error(path("1.jpg")), HasSubstr("1.jpg: "));
   write("2.jpg", "no");
@@ -265,7 +265,7 @@ TEST_F(FrameSourceTest, AVideoHasTimesAndEnds) {
   EXPECT_FALSE(read.frames[0].still);
 }
 
-TEST_F(FrameSourceTest, WhatIsNoVideoIsRefusedBeforeFfmpegSeesIt) {
+TEST_F(FrameSourceTest, RejectsOtherFilesBeforeFfmpeg) {
   EXPECT_THAT(open_error(write("text.avi", "just some text")),
               HasSubstr("text.avi: is not a video"));
   EXPECT_THAT(open_error(write("list.mp4", "#EXTM3U\nfile:///etc/passwd\n")),
@@ -278,7 +278,7 @@ TEST_F(FrameSourceTest, WhatIsNoVideoIsRefusedBeforeFfmpegSeesIt) {
               HasSubstr("no frame"));
 }
 
-TEST_F(FrameSourceTest, AStopEndsReading) {
+TEST_F(FrameSourceTest, StopTokenEndsReading) {
   image("a.jpg", 1);
   image("b.jpg", 2);
   const auto source = open_source(folder_.string());
@@ -289,7 +289,7 @@ TEST_F(FrameSourceTest, AStopEndsReading) {
   EXPECT_FALSE(source->ended());
 }
 
-TEST(Cameras, OneThatIsNotThereIsNamed) {
+TEST(Cameras, ErrorNamesMissingCamera) {
   const SourceOptions options;
   EXPECT_EQ(error_of([&] { (void)open_source("99", options); }),
             "camera 99: no such device (/dev/video99); `tarsier doctor` lists cameras");
@@ -298,7 +298,7 @@ TEST(Cameras, OneThatIsNotThereIsNamed) {
   for (const CameraInfo& camera : list_cameras()) EXPECT_THAT(camera.path, HasSubstr("/dev/video"));
 }
 
-TEST(Cameras, ThePiCameraSaysWhatToInstall) {
+TEST(Cameras, PiCameraErrorSaysWhatToInstall) {
   if (!find_program_on_path("rpicam-vid").empty() ||
       !find_program_on_path("libcamera-vid").empty()) {
     GTEST_SKIP() << "this is a Raspberry Pi";
@@ -309,7 +309,7 @@ TEST(Cameras, ThePiCameraSaysWhatToInstall) {
   EXPECT_EQ(find_program_on_path("no-such-program"), "");
 }
 
-TEST(NaturalOrder, CountsAsPeopleDo) {
+TEST(NaturalOrder, ComparesNumbersByValue) {
   EXPECT_TRUE(natural_less("img2", "img10"));
   EXPECT_FALSE(natural_less("img10", "img2"));
   EXPECT_TRUE(natural_less("a", "B"));

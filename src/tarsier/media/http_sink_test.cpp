@@ -222,7 +222,7 @@ TEST(HttpSink, StreamsEachImageAsAPartWithItsLength) {
   EXPECT_THROW((void)sink->write(filled(1), {}), std::invalid_argument);
 }
 
-TEST(HttpSink, AViewerThatComesBeforeTheFirstImageWaitsForIt) {
+TEST(HttpSink, EarlyViewerWaitsForFirstImage) {
   const auto sink = open_local();
   Client client(port_of(*sink));
   auto first = std::async(std::launch::async, [&] {
@@ -235,7 +235,7 @@ TEST(HttpSink, AViewerThatComesBeforeTheFirstImageWaitsForIt) {
   EXPECT_NEAR(decoded(first.get()).at<cv::Vec3b>(20, 20)[0], 90, 3);
 }
 
-TEST(HttpSink, ASlowViewerNeitherStopsTheProducerNorTheOthers) {
+TEST(HttpSink, SlowViewerDelaysNeitherProducerNorOthers) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   cv::Mat noise(480, 640, CV_8UC3);  // about 500 kB as JPEG: more than the socket's buffer
@@ -269,7 +269,7 @@ TEST(HttpSink, ASlowViewerNeitherStopsTheProducerNorTheOthers) {
   EXPECT_LT(parts, 30);
 }
 
-TEST(HttpSink, AViewerThatLeavesIsNoticedWithoutImages) {
+TEST(HttpSink, DetectsDisconnectWithoutImages) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   (void)sink->write(filled(1), {});
@@ -282,7 +282,7 @@ TEST(HttpSink, AViewerThatLeavesIsNoticedWithoutImages) {
   wait_until([&] { return health(port)["viewers"] == 0; });
 }
 
-TEST(HttpSink, EndsAtOnceWithViewersThatDoNotRead) {
+TEST(HttpSink, FinishDoesNotWaitForStalledViewers) {
   auto sink = open_local();
   const int port = port_of(*sink);
   cv::Mat noise(480, 640, CV_8UC3);
@@ -313,7 +313,7 @@ TEST(HttpSink, SnapshotIsTheNewestImage) {
   }
 }
 
-TEST(HttpSink, HealthTellsFramesViewersAndAge) {
+TEST(HttpSink, HealthReportsFramesViewersAndAge) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   EXPECT_TRUE(health(port)["seconds_since_frame"].is_null());
@@ -348,7 +348,7 @@ TEST(HttpSink, BrowsersGetAPageAndOthersTheStream) {
   (void)read_part(client, boundary);
 }
 
-TEST(HttpSink, RequestsOfForeignNamesAndSitesAreRefused) {
+TEST(HttpSink, RejectsForeignHostsAndOrigins) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   const std::string own = "127.0.0.1:" + std::to_string(port);
@@ -371,7 +371,7 @@ TEST(HttpSink, RequestsOfForeignNamesAndSitesAreRefused) {
   }
 }
 
-TEST(HttpSink, OnlyGetAndHeadOfKnownPaths) {
+TEST(HttpSink, AcceptsOnlyGetAndHeadOfKnownPaths) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   (void)sink->write(filled(10), {});
@@ -388,7 +388,7 @@ TEST(HttpSink, OnlyGetAndHeadOfKnownPaths) {
   wait_until([&] { return health(port)["viewers"] == 0; });
 }
 
-TEST(HttpSink, OneNeighbourDoesNotShutTheOthersOut) {
+TEST(HttpSink, LimitsConnectionsPerAddress) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   std::vector<std::unique_ptr<Client>> idle;  // more than the max number of all viewers
@@ -407,7 +407,7 @@ TEST(HttpSink, OneNeighbourDoesNotShutTheOthersOut) {
   }
 }
 
-TEST(HttpSink, GarbageAndOversizedRequestsDoNoHarm) {
+TEST(HttpSink, SurvivesGarbageAndOversizedRequests) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   for (const std::string& text :
@@ -423,7 +423,7 @@ TEST(HttpSink, GarbageAndOversizedRequestsDoNoHarm) {
   EXPECT_EQ(ask(port, "/healthz").status, 200);
 }
 
-TEST(HttpSink, ATokenIsNeededWhereThereIsOne) {
+TEST(HttpSink, RequiresConfiguredToken) {
   SinkOptions options;
   options.token = "0123456789abcdef-secret";
   const auto sink = open_local(options);
@@ -478,7 +478,7 @@ TEST(HttpSink, OtherInterfacesNeedListenAllAndAToken) {
   EXPECT_EQ(ask(port_of(*sink), "/healthz", "Host: pi.local:8080\r\n").status, 401);
 }
 
-TEST(HttpSink, AddressesThatMakeNoSenseAreUsageErrors) {
+TEST(HttpSink, InvalidAddressesAreUsageErrors) {
   for (const char* url :
        {"http://", "http://127.0.0.1:99999/", "http://127.0.0.1:x/", "http://user@127.0.0.1/",
         "http://example.com:8080/", "http://[::1/", "http://[zz]:80/", "http://127.0.0.1:8080/path",
@@ -488,7 +488,7 @@ TEST(HttpSink, AddressesThatMakeNoSenseAreUsageErrors) {
   }
 }
 
-TEST(HttpSink, ATakenPortIsAnOutputError) {
+TEST(HttpSink, PortInUseIsAnOutputError) {
   const auto sink = open_local();
   const std::string url = "http://127.0.0.1:" + std::to_string(port_of(*sink)) + "/";
   try {
@@ -499,7 +499,7 @@ TEST(HttpSink, ATakenPortIsAnOutputError) {
   }
 }
 
-TEST(HttpSink, MoreViewersThanAllowedAreTurnedAway) {
+TEST(HttpSink, RejectsViewersBeyondLimit) {
   SinkOptions options;
   options.max_viewers = 2;
   const auto sink = open_local(options);
@@ -513,7 +513,7 @@ TEST(HttpSink, MoreViewersThanAllowedAreTurnedAway) {
   EXPECT_EQ(ask(port, "/snapshot.jpg").status, 200);
 }
 
-TEST(HttpSink, LoopbackOfIpv6) {
+TEST(HttpSink, ListensOnIpv6Loopback) {
   std::unique_ptr<FrameSink> sink;
   try {
     sink = open_http_sink("http://[::1]:0/", {});
@@ -527,7 +527,7 @@ TEST(HttpSink, LoopbackOfIpv6) {
   EXPECT_EQ(read_head(client).status, 200);
 }
 
-TEST(HttpSink, ManyViewersComeAndGoWhileFramesFlow) {
+TEST(HttpSink, ViewersMayJoinAndLeaveWhileStreaming) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   std::atomic<bool> done = false;

@@ -21,7 +21,7 @@ std::span<const std::uint8_t> bytes_of(std::string_view text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
 
-TEST(Url, IsTakenApart) {
+TEST(Url, IsParsed) {
   const HttpUrl url = parse_url("HTTP://me:p%40ss:w@[::1]:8081/a/b?c=d#e", "http", 80);
   EXPECT_EQ(url.host, "::1");
   EXPECT_EQ(url.port, 8081);
@@ -36,7 +36,7 @@ TEST(Url, IsTakenApart) {
   EXPECT_EQ(plain.host_header(), "camera.local");
 }
 
-TEST(Url, BadOnesAreRefusedWithoutTheirPassword) {
+TEST(Url, ErrorsHideThePassword) {
   for (const char* text :
        {"http://", "http:///x", "http://h:0/", "http://h:99999/", "http://h:x/", "http://h/a b",
         "http://[::1/", "http://h/\r\nX: y", "ftp://h/", "http:/h"}) {
@@ -65,7 +65,7 @@ Parsed parse(const std::string& text, std::size_t piece) {
   return result;
 }
 
-TEST(HttpResponse, BodyComesOutWhateverTheCodingAndTheSplits) {
+TEST(HttpResponse, BodyIsIndependentOfCodingAndSplits) {
   using State = HttpResponseParser::State;
   for (const std::size_t piece :
        {std::size_t{1}, std::size_t{2}, std::size_t{7}, std::size_t{1000}}) {
@@ -90,7 +90,7 @@ TEST(HttpResponse, BodyComesOutWhateverTheCodingAndTheSplits) {
   }
 }
 
-TEST(HttpResponse, NonsenseIsBrokenAndBounded) {
+TEST(HttpResponse, RejectsMalformedInputWithBoundedMemory) {
   using State = HttpResponseParser::State;
   EXPECT_EQ(parse("SSH-2.0-OpenSSH_9.2\r\n", 5).parser.state(), State::kBroken);
   EXPECT_EQ(parse("HTTP/1.1 abc\r\n\r\n", 5).parser.state(), State::kBroken);
@@ -114,7 +114,7 @@ TEST(HttpResponse, NonsenseIsBrokenAndBounded) {
 }
 
 // A few such responses are waited out. A server that sends nothing else is given up.
-TEST(HttpResponse, InterimAnswersAreCountedAndEndTheConnection) {
+TEST(HttpResponse, LimitsInterimResponses) {
   using State = HttpResponseParser::State;
   const std::string interim = "HTTP/1.1 100 \n\n";
   const std::string real = "HTTP/1.1 200 OK\r\nContent-Length: 3\r\n\r\nabc";
@@ -185,7 +185,7 @@ TEST(HttpStream, ReadsMultipartPlainAndChunked) {
   }
 }
 
-TEST(HttpStream, PasswordGoesToItsOwnHostOnly) {
+TEST(HttpStream, SendsPasswordOnlyToOriginalHost) {
   HttpServer other;
   HttpServer server([&other](const std::string& request) {
     if (request.starts_with("GET /moved")) return HttpServer::mjpeg();
@@ -201,7 +201,7 @@ TEST(HttpStream, PasswordGoesToItsOwnHostOnly) {
   EXPECT_TRUE(other.requests().at(0).starts_with("GET /elsewhere HTTP/1.1\r\n"));
 }
 
-TEST(HttpStream, RedirectsHaveLimits) {
+TEST(HttpStream, LimitsRedirects) {
   HttpServer circle([](const std::string&) {
     return HttpServer::Reply{"HTTP/1.1 302 Found\r\nLocation: /again\r\n\r\n", false, false};
   });
@@ -218,7 +218,7 @@ TEST(HttpStream, RedirectsHaveLimits) {
   }
 }
 
-TEST(HttpStream, SaysWhyAServerIsNoCamera) {
+TEST(HttpStream, ReportsWhyServerIsNoCamera) {
   const auto reason = [](const std::string& answer) {
     HttpServer server([answer](const std::string&) {
       return HttpServer::Reply{answer, false, false};
@@ -237,7 +237,7 @@ TEST(HttpStream, SaysWhyAServerIsNoCamera) {
             "the server ended the stream");
 }
 
-TEST(HttpStream, NothingThereIsDefinite) {
+TEST(HttpStream, RefusedConnectionIsPermanentFailure) {
   std::uint16_t port = 0;
   {
     const HttpServer gone;
@@ -249,7 +249,7 @@ TEST(HttpStream, NothingThereIsDefinite) {
   EXPECT_NE(outcome.failure.reason.find("connection refused"), std::string::npos);
 }
 
-TEST(HttpStream, ASnapshotIsAskedForAgainAndAgain) {
+TEST(HttpStream, PollsSnapshots) {
   std::atomic<int> number{1};
   HttpServer server([&number](const std::string&) {
     const std::string jpeg = testing::jpeg_of(number++);
@@ -263,7 +263,7 @@ TEST(HttpStream, ASnapshotIsAskedForAgainAndAgain) {
   EXPECT_EQ(outcome.numbers, (std::vector<int>{1, 2, 3, 4})) << outcome.failure.reason;
 }
 
-TEST(HttpStream, AProbeKeepsTheOnlyConnectionOfAnFfmpegLikeServer) {
+TEST(HttpStream, ProbeKeepsConnectionOfSingleClientServer) {
   HttpServer server;
   server.one_client = true;
   const auto backend = make_http_backend(server.url(), {});

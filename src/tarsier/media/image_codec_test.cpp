@@ -49,7 +49,7 @@ bool same(const cv::Mat& one, const cv::Mat& other) {
          cv::norm(one, other, cv::NORM_INF) <= (kIsExact ? 0 : 1);
 }
 
-TEST(ImageCodec, DecodesAsOpenCv) {
+TEST(ImageCodec, DecodingMatchesOpenCv) {
   for (const int type : {CV_8UC1, CV_8UC3}) {
     const cv::Mat image = noisy(type);
     const std::array<Data, 6> files{
@@ -69,22 +69,23 @@ TEST(ImageCodec, DecodesAsOpenCv) {
 }
 
 void expect_same_file(const std::string& extension, const cv::Mat& image, int quality) {
-  const Data ours = encode_plain(extension, image, quality);
+  const Data from_tarsier = encode_plain(extension, image, quality);
   std::vector<int> parameters;
   if (extension == ".jpg") parameters = {cv::IMWRITE_JPEG_QUALITY, quality};
-  const Data theirs = by_opencv(extension, image, parameters);
+  const Data from_opencv = by_opencv(extension, image, parameters);
   if (kIsExact) {
-    EXPECT_EQ(ours, theirs) << extension << " " << image.type() << " quality " << quality;
+    EXPECT_EQ(from_tarsier, from_opencv)
+        << extension << " " << image.type() << " quality " << quality;
   }
-  const cv::Mat back = cv::imdecode(ours, cv::IMREAD_UNCHANGED);
-  EXPECT_TRUE(same(back, cv::imdecode(theirs, cv::IMREAD_UNCHANGED)))
+  const cv::Mat back = cv::imdecode(from_tarsier, cv::IMREAD_UNCHANGED);
+  EXPECT_TRUE(same(back, cv::imdecode(from_opencv, cv::IMREAD_UNCHANGED)))
       << extension << " " << quality;
   if (extension == ".png") {
     EXPECT_EQ(cv::norm(back, image, cv::NORM_INF), 0);
   }
 }
 
-TEST(ImageCodec, EncodesAsOpenCv) {
+TEST(ImageCodec, EncodingMatchesOpenCv) {
   for (const int type : {CV_8UC1, CV_8UC3}) {
     const cv::Mat whole = noisy(type);
     const cv::Mat part = whole(cv::Rect(3, 5, 40, 30));  // rows are not contiguous
@@ -96,7 +97,7 @@ TEST(ImageCodec, EncodesAsOpenCv) {
   }
 }
 
-TEST(ImageCodec, LeavesTheRestToOpenCv) {
+TEST(ImageCodec, DeclinesOtherFormats) {
   const cv::Mat color = noisy(CV_8UC3);
   cv::Mat alpha;
   cv::cvtColor(color, alpha, cv::COLOR_BGR2BGRA);
@@ -117,7 +118,7 @@ TEST(ImageCodec, LeavesTheRestToOpenCv) {
 }
 
 // EXIF after the start of the image, orientation 6: rotated by 90 degrees.
-TEST(ImageCodec, LeavesTurnedImagesToOpenCv) {
+TEST(ImageCodec, DeclinesRotatedImages) {
   Data bytes = by_opencv(".jpg", noisy(CV_8UC3));
   const Data exif{0xFF, 0xE1, 0, 34, 'E', 'x', 'i', 'f', 0, 0,  // APP1
                   'M',  'M',  0, 42, 0,   0,   0,   8,          // TIFF, big-endian
@@ -128,7 +129,7 @@ TEST(ImageCodec, LeavesTurnedImagesToOpenCv) {
 }
 
 // Many cameras send JPEGs like this one. They must not be decoded twice.
-TEST(ImageCodec, TakesAJpegWithBytesToSpare) {
+TEST(ImageCodec, AcceptsJpegWithTrailingBytes) {
   Data bytes = by_opencv(".jpg", noisy(CV_8UC3));
   const cv::Mat plain = decoded(bytes, false);
   bytes.insert(bytes.end() - 2, 6, 0x55);
@@ -138,7 +139,7 @@ TEST(ImageCodec, TakesAJpegWithBytesToSpare) {
   EXPECT_TRUE(same(image, cv::imdecode(bytes, cv::IMREAD_COLOR)));
 }
 
-TEST(ImageCodec, BrokenPixelsAreNotTaken) {
+TEST(ImageCodec, DeclinesDamagedPixels) {
   for (const char* extension : {".jpg", ".png"}) {
     const Data whole = by_opencv(extension, noisy(CV_8UC3));
     const auto header = probe_image(whole);

@@ -113,7 +113,7 @@ const std::vector<Format>& formats() {
   return kFormats;
 }
 
-TEST(ImageFile, EveryFormatComesBack) {
+TEST(ImageFile, RoundTripsEveryFormat) {
   for (const Format& f : formats()) {
     const Data bytes = encoded(f.extension, test_image(), f.parameters);
     const auto header = probe_image(bytes);
@@ -127,7 +127,7 @@ TEST(ImageFile, EveryFormatComesBack) {
   }
 }
 
-TEST(ImageFile, CutAnywhereIsRefused) {
+TEST(ImageFile, RejectsTruncatedFiles) {
   for (const Format& f : formats()) {
     const Data whole = encoded(f.extension, test_image(), f.parameters);
     // A WebP file may have one byte of padding, and an ASCII image a last line break.
@@ -139,7 +139,7 @@ TEST(ImageFile, CutAnywhereIsRefused) {
   }
 }
 
-TEST(ImageFile, TheReasonOfTruncationIsNamed) {
+TEST(ImageFile, ErrorsSayTruncated) {
   for (const char* extension : {".jpg", ".png", ".bmp", ".webp", ".ppm"}) {
     Data bytes = encoded(extension, test_image());
     bytes.resize(bytes.size() * 2 / 3);
@@ -170,13 +170,13 @@ TEST(ImageFile, DamagedBytesNeverCrash) {
   }
 }
 
-TEST(ImageFile, BytesAfterTheEndOfAJpegDoNotMatter) {
+TEST(ImageFile, IgnoresBytesAfterJpegEnd) {
   Data bytes = encoded(".jpg", test_image());
   bytes.insert(bytes.end(), 100, 0);
   EXPECT_EQ(refusal(bytes), "accepted");
 }
 
-TEST(ImageFile, WhatIsNoImageSaysHowItStarts) {
+TEST(ImageFile, DescribesStartOfOtherFiles) {
   const std::string text = "hello, I am a text file";
   EXPECT_THAT(refusal(Data(text.begin(), text.end())),
               HasSubstr("not an image: starts with \"hello, I am "));
@@ -219,7 +219,7 @@ TEST(ImageFile, HugeSizesAreRefusedBeforeDecoding) {
 }
 
 // OpenCV's DICOM reader ends the process for such a file, so the file must not reach it.
-TEST(ImageFile, AnImageThatIsADicomFileAsWellIsRefused) {
+TEST(ImageFile, RejectsImagesThatAreAlsoDicom) {
   Data bytes = encoded(".webp", test_image(), {cv::IMWRITE_WEBP_QUALITY, 101});
   bytes.resize(std::max<std::size_t>(bytes.size(), 200));
   constexpr std::string_view kMark = "DICM";
@@ -231,17 +231,17 @@ TEST(ImageFile, AnImageThatIsADicomFileAsWellIsRefused) {
   EXPECT_THAT(refusal(Data(pnm.begin(), pnm.end())), HasSubstr("DICOM"));
 }
 
-TEST(ImageFile, APngThatClaimsMoreRowsThanItHasIsRefused) {
+TEST(ImageFile, RejectsPngWithMissingRows) {
   EXPECT_THAT(refusal(png_of_claimed_size(64, 4000)), HasSubstr("broken PNG"));
 }
 
-TEST(ImageFile, AWrongChecksumInAPngIsNamed) {
+TEST(ImageFile, ReportsWrongPngChecksum) {
   Data bytes = encoded(".png", test_image());
   bytes[bytes.size() / 2] ^= 1;
   EXPECT_THAT(refusal(bytes), HasSubstr("checksum"));
 }
 
-TEST(ImageFile, TextAndProfilesInAPngAreLeftOut) {
+TEST(ImageFile, IgnoresPngTextAndProfiles) {
   Data bytes = encoded(".png", test_image());
   // A text chunk that is marked as compressed but is not: libpng would write to stderr.
   Data chunk{0, 0, 0, 5, 'z', 'T', 'X', 't', 'a', 0, 0, 9, 9, 0, 0, 0, 0};
@@ -252,7 +252,7 @@ TEST(ImageFile, TextAndProfilesInAPngAreLeftOut) {
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
 }
 
-TEST(ImageFile, AJpegOfThousandsOfScansIsRefused) {
+TEST(ImageFile, RejectsJpegWithThousandsOfScans) {
   const Data whole = encoded(".jpg", test_image(), {cv::IMWRITE_JPEG_PROGRESSIVE, 1});
   // Repeats the last scan many times before the end marker.
   std::size_t at = whole.size() - 3;
@@ -264,7 +264,7 @@ TEST(ImageFile, AJpegOfThousandsOfScansIsRefused) {
   EXPECT_THAT(refusal(bomb), HasSubstr("scans"));
 }
 
-TEST(ImageFile, OtherDepthsAndChannelsBecomeEightBitBgr) {
+TEST(ImageFile, ConvertsToEightBitBgr) {
   cv::Mat deep;
   test_image().convertTo(deep, CV_16U, 257);
   EXPECT_LE(cv::norm(decode_image(encoded(".png", deep), "x"), test_image(), cv::NORM_INF), 1);
@@ -283,7 +283,7 @@ TEST(ImageFile, OtherDepthsAndChannelsBecomeEightBitBgr) {
   EXPECT_EQ(decode_image(bilevel, "x").type(), CV_8UC3);
 }
 
-TEST(ImageFile, AsciiAndBitmapPnmWithComments) {
+TEST(ImageFile, ReadsAsciiAndBitmapPnmWithComments) {
   const std::string text = "P3 # a comment\n2 #another\n1\n255\n255 0 0  0 0 255\n";
   const cv::Mat image = decode_image(Data(text.begin(), text.end()), "x");
   ASSERT_EQ(image.size(), cv::Size(2, 1));
@@ -292,7 +292,7 @@ TEST(ImageFile, AsciiAndBitmapPnmWithComments) {
   EXPECT_EQ(decode_image(Data(bits.begin(), bits.end()), "x").size(), cv::Size(8, 2));
 }
 
-TEST(ImageFile, BmpFromTheTopDown) {
+TEST(ImageFile, ReadsTopDownBmp) {
   Data bytes = encoded(".bmp", test_image());
   put_little(bytes, 22, static_cast<std::uint32_t>(-48));
   const auto header = probe_image(bytes);
@@ -315,7 +315,7 @@ TEST(ImageFile, ExifRotationIsApplied) {
   EXPECT_EQ(decode_image(bytes, "x").size(), cv::Size(48, 64));
 }
 
-TEST(ImageFile, FilesFoldersAndMissingOnesHaveTheirOwnWords) {
+TEST(ImageFile, ErrorsDistinguishFoldersAndMissingFiles) {
   const TemporaryFolder folder;
   const auto reason = [](const std::string& path) -> std::string {
     try {
@@ -343,7 +343,7 @@ TEST(ImageFile, FilesFoldersAndMissingOnesHaveTheirOwnWords) {
   EXPECT_EQ(read_file("/dev/null", 100), "");
 }
 
-TEST(ImageFile, WritesByEndingAndLeavesNothingBehindOnFailure) {
+TEST(ImageFile, WritesByExtensionAndCleansUpOnFailure) {
   const TemporaryFolder folder;
   for (const char* name : {"a.png", "b.JPG", "c.jpeg", "d.webp", "e.bmp", "f.ppm", "g.pgm"}) {
     EXPECT_TRUE(is_image_path(name));

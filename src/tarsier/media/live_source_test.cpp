@@ -127,7 +127,7 @@ class LiveSourceTest : public ::testing::Test {
   fs::path folder_;
 };
 
-TEST_F(LiveSourceTest, GivesTheNewestFrameAndCountsTheOthers) {
+TEST_F(LiveSourceTest, ReturnsNewestFrameAndCountsDropped) {
   HttpServer server;
   server.period_ms = 5;
   const auto source = http_source(server);
@@ -153,7 +153,7 @@ TEST_F(LiveSourceTest, GivesTheNewestFrameAndCountsTheOthers) {
   EXPECT_GT(next_frame(*source).index, later.index);
 }
 
-TEST_F(LiveSourceTest, AgeGrowsWhileTheServerIsFrozenAndItResumesOnTheSameConnection) {
+TEST_F(LiveSourceTest, FrozenServerAgesAndResumesOnSameConnection) {
   HttpServer server;
   const auto source = http_source(server);
   next_frame(*source);
@@ -166,7 +166,7 @@ TEST_F(LiveSourceTest, AgeGrowsWhileTheServerIsFrozenAndItResumesOnTheSameConnec
   next_frame(*source);
 }
 
-TEST_F(LiveSourceTest, AServerForOneClientSurvivesALongFreeze) {
+TEST_F(LiveSourceTest, SingleClientServerRecoversFromLongFreeze) {
   HttpServer server;
   server.one_client = true;
   const auto source = http_source(server);
@@ -181,7 +181,7 @@ TEST_F(LiveSourceTest, AServerForOneClientSurvivesALongFreeze) {
   EXPECT_EQ(server.connections(), 1);
 }
 
-TEST_F(LiveSourceTest, ComesBackAfterTheServerVanishedWhateverTheBackOff) {
+TEST_F(LiveSourceTest, ReconnectsWhenServerReturnsDuringBackOff) {
   HttpServer server;
   LiveTiming timing = quick_timing();
   timing.backoff_s = 3600;  // only the probe can end this wait
@@ -204,7 +204,7 @@ TEST_F(LiveSourceTest, ComesBackAfterTheServerVanishedWhateverTheBackOff) {
   EXPECT_GE(source->status().reopened, 1);
 }
 
-TEST_F(LiveSourceTest, GarbageIsAStallAndIsOvercome) {
+TEST_F(LiveSourceTest, RecoversFromGarbage) {
   HttpServer server;
   const auto source = http_source(server);
   next_frame(*source);
@@ -217,7 +217,7 @@ TEST_F(LiveSourceTest, GarbageIsAStallAndIsOvercome) {
   ASSERT_TRUE(reaches(*source, SourceState::kLive));
 }
 
-TEST_F(LiveSourceTest, HangingUpIsNoticedAtOnceAndReopened) {
+TEST_F(LiveSourceTest, ReopensAfterDisconnect) {
   HttpServer server;
   const int before = open_descriptors();
   {
@@ -242,7 +242,7 @@ TEST_F(LiveSourceTest, TheFrameSizeMayChange) {
   }
 }
 
-TEST_F(LiveSourceTest, WithoutServerNextThrowsAtOnceUnlessToldToWait) {
+TEST_F(LiveSourceTest, NextThrowsWithoutServerUnlessWaiting) {
   HttpServer server;
   server.stop();
   {
@@ -259,7 +259,7 @@ TEST_F(LiveSourceTest, WithoutServerNextThrowsAtOnceUnlessToldToWait) {
   next_frame(*source);
 }
 
-TEST_F(LiveSourceTest, ASilentServerIsGivenUpAfterTheConnectTimeout) {
+TEST_F(LiveSourceTest, SilentServerFailsAfterConnectTimeout) {
   HttpServer server;
   server.mode = HttpServer::Mode::kFreeze;
   SourceOptions options = quick_options();
@@ -344,7 +344,7 @@ std::string text_record(CaptureRecord::Kind kind, const std::string& text) {
   return std::string(reinterpret_cast<const char*>(&record), sizeof record) + text;
 }
 
-TEST_F(LiveSourceTest, AFrozenChildIsKilledAndStartedAnew) {
+TEST_F(LiveSourceTest, FrozenChildIsRestarted) {
   const std::string frames =
       write("frames", text_record(CaptureRecord::Kind::kInfo, "64x48 TEST 30 fps") +
                           record_of(cv::Mat(48, 64, CV_8UC3, cv::Scalar(8, 16, 24)), 3));
@@ -371,14 +371,14 @@ TEST_F(LiveSourceTest, AFrozenChildIsKilledAndStartedAnew) {
   }
 }
 
-TEST_F(LiveSourceTest, AChildMaySendJpegs) {
+TEST_F(LiveSourceTest, ChildMaySendJpegs) {
   const std::string jpegs = write("jpegs", testing::jpeg_of(4) + testing::jpeg_of(9));
   const auto source =
       child_source(shell("cat '" + jpegs + "'; sleep 1000", ChildCommand::Format::kMjpeg));
   EXPECT_EQ(testing::number_of(next_frame(*source).image), 9);
 }
 
-TEST_F(LiveSourceTest, AChildsErrorIsTheUsersError) {
+TEST_F(LiveSourceTest, ForwardsErrorOfChild) {
   const std::string error =
       write("error", text_record(CaptureRecord::Kind::kError, "cannot be opened, sorry"));
   const auto reason = [&](const std::string& script, ChildCommand::Format format) -> std::string {
@@ -403,7 +403,7 @@ TEST_F(LiveSourceTest, AChildsErrorIsTheUsersError) {
   EXPECT_THROW((void)child_source(missing)->next(kTimeout, {}), InputError);
 }
 
-TEST_F(LiveSourceTest, AChattyChildNeitherBlocksNorGrows) {
+TEST_F(LiveSourceTest, VerboseChildNeitherBlocksNorGrows) {
   const std::string jpeg = write("jpeg", testing::jpeg_of(4));
   const auto source =
       child_source(shell("head -c 3000000 /dev/zero >&2; cat '" + jpeg + "'; sleep 1000",
@@ -411,7 +411,7 @@ TEST_F(LiveSourceTest, AChattyChildNeitherBlocksNorGrows) {
   next_frame(*source);
 }
 
-TEST_F(LiveSourceTest, ChildrenGetNoDescriptorsNoBlockedSignalsAndNoInput) {
+TEST_F(LiveSourceTest, ChildrenInheritNoDescriptorsSignalsOrInput) {
   sigset_t all;
   sigset_t before;
   sigfillset(&all);
@@ -441,7 +441,7 @@ TEST_F(LiveSourceTest, ChildrenGetNoDescriptorsNoBlockedSignalsAndNoInput) {
       << descriptors;  // sh may keep its own
 }
 
-TEST(CaptureParserTest, TrustsNothing) {
+TEST(CaptureParserTest, RejectsInvalidRecords) {
   const std::string good = record_of(cv::Mat(3, 2, CV_8UC3, cv::Scalar(1, 2, 3)));
   const auto feed = [](const std::string& bytes, std::size_t piece) {
     CaptureParser parser;
@@ -489,7 +489,7 @@ TEST(CaptureParserTest, TrustsNothing) {
                   .is_broken());
 }
 
-TEST_F(LiveSourceTest, TheCaptureProgramReadsANetworkStream) {
+TEST_F(LiveSourceTest, CaptureProgramReadsNetworkStream) {
   HttpServer server;
   SourceOptions options = quick_options();
   options.capture_program = capture_program();
@@ -502,7 +502,7 @@ TEST_F(LiveSourceTest, TheCaptureProgramReadsANetworkStream) {
   EXPECT_EQ(source->status().detail.substr(0, 5), "64x48");
 }
 
-TEST_F(LiveSourceTest, TheCaptureProgramSaysWhatIsWrong) {
+TEST_F(LiveSourceTest, CaptureProgramReportsErrors) {
   SourceOptions options = quick_options();
   options.capture_program = capture_program();
   options.stall_s = 20;  // also covers the start of the program, which is slow in an emulator

@@ -46,7 +46,7 @@ std::vector<std::string> images_in(std::string_view stream, std::uint64_t seed, 
   return images;
 }
 
-TEST(MjpegParser, FindsEachImageWhateverTheFramingAndTheSplits) {
+TEST(MjpegParser, ImagesAreIndependentOfFramingAndSplits) {
   std::vector<std::string> sent;
   for (int i = 0; i < 4; ++i) sent.push_back(textured_jpeg(i));
   std::string bare;
@@ -75,7 +75,7 @@ TEST(MjpegParser, KeepsOnlyTheNewestImage) {
   EXPECT_FALSE(parser.has_frame());
 }
 
-TEST(MjpegParser, AThumbnailInsideASegmentIsNotAnImage) {
+TEST(MjpegParser, IgnoresEmbeddedThumbnails) {
   const std::string jpeg = testing::jpeg_of(5);
   const std::string thumbnail = testing::jpeg_of(6, {16, 16});
   const std::size_t length = thumbnail.size() + 2;
@@ -103,7 +103,7 @@ TEST(MjpegParser, ImagesMayHaveManySegments) {
   EXPECT_EQ(text_of(parser.take()), image);
 }
 
-TEST(MjpegParser, ResumesAfterGarbageAndCutImages) {
+TEST(MjpegParser, ResumesAfterGarbageAndTruncatedImages) {
   const std::string jpeg = textured_jpeg(1);
   Rng rng(7);
   for (int round = 0; round < 100; ++round) {
@@ -141,7 +141,7 @@ TEST(MjpegParser, MemoryIsBounded) {
 }
 
 // The data behind an oversized image is parsed, however much of it arrives in one piece.
-TEST(MjpegParser, ImagesBeyondTheLimitAreTheSameInPiecesOfAnySize) {
+TEST(MjpegParser, OversizedImagesAreIndependentOfSplits) {
   constexpr std::size_t kLimit = 2048;
   const std::string good = testing::jpeg_of(2);
   ASSERT_LT(good.size(), kLimit);
@@ -161,7 +161,7 @@ TEST(MjpegParser, ImagesBeyondTheLimitAreTheSameInPiecesOfAnySize) {
 
 // The worst streams that a server can send, each in pieces of several sizes. The test counts work
 // instead of time.
-TEST(MjpegParser, HostileStreamsCostABoundedNumberOfStepsAByte) {
+TEST(MjpegParser, CostPerByteIsBoundedForAnyStream) {
   using std::string_literals::operator""s;
   constexpr std::size_t kSize = 1'000'000;
   const auto repeated = [](const std::string& unit) {
@@ -206,7 +206,7 @@ TEST(MjpegParser, HostileStreamsCostABoundedNumberOfStepsAByte) {
   }
 }
 
-TEST(MjpegParser, AnyBytesAreSurvived) {
+TEST(MjpegParser, SurvivesRandomBytes) {
   Rng rng(3);
   const std::string jpeg = textured_jpeg(2);
   for (int round = 0; round < 300; ++round) {

@@ -64,7 +64,7 @@ TEST_F(Models, AreFoundByName) {
 }
 
 // Models that a user installed are used with the program's own folder, and only there.
-TEST_F(Models, OfTheUserAreFoundWhereTheProgramsOwnAre) {
+TEST_F(Models, UserFolderCompletesProgramFolder) {
   const std::optional<std::string> before =
       std::getenv("XDG_DATA_HOME") ? std::optional(std::string(std::getenv("XDG_DATA_HOME")))
                                    : std::nullopt;
@@ -88,7 +88,7 @@ TEST_F(Models, OfTheUserAreFoundWhereTheProgramsOwnAre) {
     ::unsetenv("XDG_DATA_HOME");
 }
 
-TEST_F(Models, OneThatIsMissingIsNamedWithWhatToDo) {
+TEST_F(Models, ErrorNamesMissingModelAndRemedy) {
   const ModelStore store(folder());
   const std::string error =
       failure_of<ModelError>([&] { static_cast<void>(store.path("other.json")); });
@@ -96,7 +96,7 @@ TEST_F(Models, OneThatIsMissingIsNamedWithWhatToDo) {
   EXPECT_THAT(error, HasSubstr("set TARSIER_MODELS"));
 }
 
-TEST_F(Models, WithoutAFolderNothingIsThere) {
+TEST_F(Models, StoreWithoutFolderIsEmpty) {
   const ModelStore store;
   EXPECT_EQ(store.folder(), "");
   EXPECT_FALSE(store.has("head.json"));
@@ -105,7 +105,7 @@ TEST_F(Models, WithoutAFolderNothingIsThere) {
               HasSubstr("head.json: no folder of models was found: set TARSIER_MODELS"));
 }
 
-TEST_F(Models, TheNamedFolderGoesBeforeTheEnvironmentsAndThatBeforeWhatShips) {
+TEST_F(Models, ArgumentPrecedesEnvironmentPrecedesShipped) {
   ::setenv("TARSIER_MODELS", "/nowhere", 1);
   EXPECT_EQ(ModelStore::find(folder()).folder(), folder());
   EXPECT_THAT(failure_of<InputError>([] { static_cast<void>(ModelStore::find()); }),
@@ -118,18 +118,18 @@ TEST_F(Models, TheNamedFolderGoesBeforeTheEnvironmentsAndThatBeforeWhatShips) {
               HasSubstr("/nowhere: no such folder of models"));
 }
 
-TEST_F(Models, OfTheUsersOwnAreTakenInPlaceOfThoseThatShip) {
+TEST_F(Models, OwnModelsReplaceShippedOnes) {
   const TemporaryFolder own;
-  const std::string mine = (fs::path(own.path()) / "head.json").string();
+  const std::string own_model = (fs::path(own.path()) / "head.json").string();
   ::setenv("TARSIER_MODELS", folder().c_str(), 1);
   ::setenv("TARSIER_OWN_MODELS", own.path().c_str(), 1);
   const ModelStore store = ModelStore::find();
   EXPECT_FALSE(store.is_own("head.json"));
   EXPECT_EQ(store.path("head.json"), (fs::path(folder()) / "head.json").string());
-  std::ofstream(mine) << "{}";
+  std::ofstream(own_model) << "{}";
   EXPECT_TRUE(store.is_own("head.json"));
-  EXPECT_EQ(store.path("head.json"), mine);
-  EXPECT_EQ(store.expected_path("head.json"), mine);
+  EXPECT_EQ(store.path("head.json"), own_model);
+  EXPECT_EQ(store.expected_path("head.json"), own_model);
   EXPECT_EQ(store.shipped().path("head.json"), (fs::path(folder()) / "head.json").string());
   EXPECT_FALSE(store.shipped().is_own("head.json"));
   // If a folder is given, only that folder is used. A folder that does not exist has no models.

@@ -54,7 +54,7 @@ class SqliteTest : public FolderTest {
   }
 };
 
-TEST_F(SqliteTest, ValuesComeBackAsTheyWere) {
+TEST_F(SqliteTest, RoundTripsValues) {
   Database database = create();
   Statement insert(database, "INSERT INTO note(id, text) VALUES(?, ?)");
   const std::vector<std::uint8_t> bytes{0, 255, 7, 0};
@@ -81,7 +81,7 @@ TEST_F(SqliteTest, ValuesComeBackAsTheyWere) {
   EXPECT_FALSE(read.step());
 }
 
-TEST_F(SqliteTest, FilesAreTheOwnersAlone) {
+TEST_F(SqliteTest, FilesArePrivate) {
   const mode_t before = umask(0);
   Database database = create();
   add(database, "x");
@@ -94,7 +94,7 @@ TEST_F(SqliteTest, FilesAreTheOwnersAlone) {
   EXPECT_EQ(files(), 3U);  // the log and its index beside the file
 }
 
-TEST_F(SqliteTest, FilesThatOthersMayOpenAreTightenedWhenWrittenTo) {
+TEST_F(SqliteTest, RestrictsPermissionsWhenWriting) {
   const auto mode_of = [](const std::string& file) {
     struct stat found {};
     EXPECT_EQ(stat(file.c_str(), &found), 0) << file;
@@ -125,7 +125,7 @@ TEST_F(SqliteTest, FilesThatOthersMayOpenAreTightenedWhenWrittenTo) {
   EXPECT_THAT(notes(holder), ElementsAre("x", "y"));
 }
 
-TEST_F(SqliteTest, WhatIsCommittedOutlivesACrash) {
+TEST_F(SqliteTest, CommittedDataSurvivesCrash) {
   const pid_t child = fork();
   if (child == 0) {
     Database database = create();
@@ -141,7 +141,7 @@ TEST_F(SqliteTest, WhatIsCommittedOutlivesACrash) {
   EXPECT_THAT(notes(database), ElementsAre("kept"));
 }
 
-TEST_F(SqliteTest, ALockedOneIsAnErrorAndLosesNothing) {
+TEST_F(SqliteTest, LockedDatabaseThrowsAndKeepsData) {
   Database first = create();
   add(first, "one");
   std::optional<Transaction> lock(std::in_place, first);
@@ -158,7 +158,7 @@ TEST_F(SqliteTest, ALockedOneIsAnErrorAndLosesNothing) {
   EXPECT_THAT(notes(first), ElementsAre("one", "two"));
 }
 
-TEST_F(SqliteTest, AnExclusiveLockKeepsReadersOut) {
+TEST_F(SqliteTest, ExclusiveLockBlocksReaders) {
   { const Database database = create(); }
   Database holder(path("notes.db"), kKind, DatabaseAccess::kWrite, 20);
   holder.run("PRAGMA locking_mode = EXCLUSIVE; BEGIN EXCLUSIVE");
@@ -167,7 +167,7 @@ TEST_F(SqliteTest, AnExclusiveLockKeepsReadersOut) {
   EXPECT_THAT(refusal(DatabaseAccess::kCreate), HasSubstr("locked"));
 }
 
-TEST_F(SqliteTest, AFullOneIsAnErrorAndLosesNothing) {
+TEST_F(SqliteTest, FullDiskThrowsAndKeepsData) {
   Database database = create();
   add(database, "one");
   database.run("PRAGMA max_page_count = 6");
@@ -185,7 +185,7 @@ TEST_F(SqliteTest, AFullOneIsAnErrorAndLosesNothing) {
   EXPECT_EQ(notes(database).back(), "later");
 }
 
-TEST_F(SqliteTest, OtherFilesAreRefusedAndStayAsTheyAre) {
+TEST_F(SqliteTest, RejectsOtherFilesUnchanged) {
   EXPECT_THAT(refusal(DatabaseAccess::kRead), HasSubstr("No such file"));
   EXPECT_THAT(refusal(DatabaseAccess::kWrite), HasSubstr("No such file"));
   const std::string text = "dear diary, " + std::string(2000, 'x');
@@ -200,7 +200,7 @@ TEST_F(SqliteTest, OtherFilesAreRefusedAndStayAsTheyAre) {
   }
 }
 
-TEST_F(SqliteTest, DatabasesOfOthersAreRefusedAndStayAsTheyAre) {
+TEST_F(SqliteTest, RejectsForeignDatabasesUnchanged) {
   {
     const DatabaseKind other{"other", 77, {"CREATE TABLE song(title)"}};
     const Database database(path("notes.db"), other, DatabaseAccess::kCreate);
@@ -211,7 +211,7 @@ TEST_F(SqliteTest, DatabasesOfOthersAreRefusedAndStayAsTheyAre) {
   EXPECT_EQ(contents(path("notes.db")), before);
 }
 
-TEST_F(SqliteTest, AnEmptyFileBecomesOneOnlyToBeWritten) {
+TEST_F(SqliteTest, EmptyFileIsInitializedOnlyForWriting) {
   write_file_atomically(path("notes.db"), std::string_view());
   EXPECT_THAT(refusal(DatabaseAccess::kRead), HasSubstr("is empty: no test diary"));
   Database database = create();
@@ -219,7 +219,7 @@ TEST_F(SqliteTest, AnEmptyFileBecomesOneOnlyToBeWritten) {
   EXPECT_EQ(notes(database).size(), 1U);
 }
 
-TEST_F(SqliteTest, OlderVersionsAreBroughtUpToDateAndNewerOnesRefused) {
+TEST_F(SqliteTest, UpgradesOlderAndRejectsNewerVersions) {
   {
     Database database = create();
     add(database, "old");
@@ -237,7 +237,7 @@ TEST_F(SqliteTest, OlderVersionsAreBroughtUpToDateAndNewerOnesRefused) {
   EXPECT_THAT(refusal(DatabaseAccess::kCreate), HasSubstr("version 2"));
 }
 
-TEST_F(SqliteTest, AFailedUpgradeChangesNothing) {
+TEST_F(SqliteTest, FailedUpgradeIsRolledBack) {
   {
     Database database = create();
     add(database, "old");
@@ -249,7 +249,7 @@ TEST_F(SqliteTest, AFailedUpgradeChangesNothing) {
   EXPECT_THAT(notes(database), ElementsAre("old"));
 }
 
-TEST_F(SqliteTest, WritingItAfreshLeavesNothingOfWhatWasDeleted) {
+TEST_F(SqliteTest, VacuumErasesDeletedData) {
   Database database = create();
   add(database, "stays");
   add(database, std::string(20000, 'x') + "secret");
@@ -283,7 +283,7 @@ TEST_F(SqliteTest, ALargeFileIsNotCopiedInMemory) {
   EXPECT_EQ(copies_to(), kMemory) << "small again";
 }
 
-TEST_F(SqliteTest, ADamagedFileIsAnError) {
+TEST_F(SqliteTest, DamagedFileIsAnError) {
   {
     Database database = create();
     for (int k = 0; k < 200; ++k) add(database, std::string(500, 'x'));
@@ -300,7 +300,7 @@ TEST_F(SqliteTest, ADamagedFileIsAnError) {
   }
 }
 
-TEST_F(SqliteTest, FoldersAndStrangePathsAreRefused) {
+TEST_F(SqliteTest, RejectsFoldersAndInvalidPaths) {
   std::filesystem::create_directory(path("notes.db"));
   EXPECT_THAT(refusal(DatabaseAccess::kRead), HasSubstr("no regular file"));
   EXPECT_THAT(refusal(DatabaseAccess::kCreate), HasSubstr("no regular file"));
@@ -309,7 +309,7 @@ TEST_F(SqliteTest, FoldersAndStrangePathsAreRefused) {
   EXPECT_THROW(Database(":memory:", kKind, DatabaseAccess::kRead), InputError);
 }
 
-TEST_F(SqliteTest, ALockIsAnErrorOfItsOwn) {
+TEST_F(SqliteTest, LockTimeoutThrowsDatabaseLockedError) {
   Database database = create();
   Database other = create();
   const Transaction lock(other);
@@ -318,7 +318,7 @@ TEST_F(SqliteTest, ALockIsAnErrorOfItsOwn) {
   EXPECT_THROW(database.run("CREATE TABLE again(id)"), DatabaseLockedError);
 }
 
-TEST_F(SqliteTest, ReadersMayKnowOlderVersions) {
+TEST_F(SqliteTest, ReadsSupportedOlderVersions) {
   (void)create();
   DatabaseKind later = kKind;
   later.versions.emplace_back("ALTER TABLE note ADD COLUMN time");

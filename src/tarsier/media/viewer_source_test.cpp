@@ -44,7 +44,7 @@ Bytes record(const Bytes& bytes) {
   return result;
 }
 
-TEST(ViewerParser, PiecesOfAnySizeGiveTheNewestRecord) {
+TEST(ViewerParser, NewestRecordIsIndependentOfSplits) {
   Bytes stream = record(jpeg(10));
   const Bytes second = record({1, 2, 3});
   stream.insert(stream.end(), second.begin(), second.end());
@@ -62,7 +62,7 @@ TEST(ViewerParser, PiecesOfAnySizeGiveTheNewestRecord) {
   }
 }
 
-TEST(ViewerParser, ALengthOfNothingOrTooMuchEndsIt) {
+TEST(ViewerParser, RejectsInvalidLengths) {
   for (const std::size_t bad :
        {std::size_t{0}, ViewerParser::kMaxBytes + 1, std::size_t{0xffffffff}}) {
     ViewerParser parser;
@@ -78,7 +78,7 @@ TEST(ViewerParser, ALengthOfNothingOrTooMuchEndsIt) {
   EXPECT_LE(parser.held_bytes(), 4096U) << "a length alone takes no memory";
 }
 
-TEST(ViewerImage, OnlyWholeJpegsWillDo) {
+TEST(ViewerImage, MustBeCompleteJpeg) {
   const Bytes good = jpeg(80);
   EXPECT_EQ(viewer_image_error(good), "");
   EXPECT_NE(viewer_image_error(Bytes(good.begin(), good.begin() + 100)), "");
@@ -133,7 +133,7 @@ class ViewerSourceTest : public ::testing::Test {
   std::unique_ptr<FrameSource> source_;
 };
 
-TEST_F(ViewerSourceTest, TheNewestCountsAndASilentOneIsStaleUntilItSpeaks) {
+TEST_F(ViewerSourceTest, ReturnsNewestImageAndRecoversFromSilence) {
   EXPECT_TRUE(source_->is_live());
   send(record(jpeg(40)));
   EXPECT_NEAR(value_of_next(), 40, 2);
@@ -149,7 +149,7 @@ TEST_F(ViewerSourceTest, TheNewestCountsAndASilentOneIsStaleUntilItSpeaks) {
   EXPECT_EQ(source_->status().reopened, 0) << "there is nothing to open again";
 }
 
-TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
+TEST_F(ViewerSourceTest, SkipsInvalidImages) {
   const Bytes good = jpeg(50);
   send(record({'n', 'o'}));
   send(record(Bytes(good.begin(), good.end() - 60)));
@@ -172,12 +172,12 @@ TEST_F(ViewerSourceTest, BadRecordsArePassedOver) {
   }
   send(record(good));
   EXPECT_NEAR(value_of_next(), 50, 2);
-  const std::string said = ::testing::internal::GetCapturedStderr();
-  EXPECT_THAT(said, HasSubstr("it is skipped"));
-  EXPECT_LE(std::count(said.begin(), said.end(), '\n'), 3) << said;
+  const std::string log_output = ::testing::internal::GetCapturedStderr();
+  EXPECT_THAT(log_output, HasSubstr("it is skipped"));
+  EXPECT_LE(std::count(log_output.begin(), log_output.end(), '\n'), 3) << log_output;
 }
 
-TEST_F(ViewerSourceTest, ItsEndIsTheEndOfTheSource) {
+TEST_F(ViewerSourceTest, EndOfPipeEndsSource) {
   send(record(jpeg(50)));
   EXPECT_NEAR(value_of_next(), 50, 2);
   hang_up();
@@ -186,7 +186,7 @@ TEST_F(ViewerSourceTest, ItsEndIsTheEndOfTheSource) {
   EXPECT_TRUE(source_->ended());
 }
 
-TEST_F(ViewerSourceTest, ABadLengthIsTheEndOfTheSource) {
+TEST_F(ViewerSourceTest, InvalidLengthEndsSource) {
   send(record(jpeg(50)));
   EXPECT_NEAR(value_of_next(), 50, 2);
   send(length(ViewerParser::kMaxBytes + 1));
@@ -198,12 +198,12 @@ TEST_F(ViewerSourceTest, ABadLengthIsTheEndOfTheSource) {
   }
 }
 
-TEST_F(ViewerSourceTest, AnEndBeforeTheFirstImageIsABadInput) {
+TEST_F(ViewerSourceTest, EndBeforeFirstImageIsInputError) {
   hang_up();
   EXPECT_THROW(value_of_next(), InputError);
 }
 
-TEST_F(ViewerSourceTest, AStopWakesIt) {
+TEST_F(ViewerSourceTest, StopTokenEndsWaiting) {
   std::stop_source stop;
   std::thread other([&] {
     std::this_thread::sleep_for(milliseconds(20));

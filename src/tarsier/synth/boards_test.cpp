@@ -42,7 +42,7 @@ TEST(SynthBoardsTest, PixelsAreMeansOverTheirArea) {
 }
 
 // The renderer skips the samples of pixels with a uniform box, so none of these may differ.
-TEST(SynthBoardsTest, WhereInkIsUniformEachPlaceHasIt) {
+TEST(SynthBoardsTest, UniformInkMatchesEachPoint) {
   for (const char* words :
        {"chess:9x6", "circles:4x11", "circles-grid:5x4:0.9", "charuco:5x7:6x6_250"}) {
     const BoardPrint print(parse_board(words, 0.025));
@@ -68,7 +68,7 @@ TEST(SynthBoardsTest, WhereInkIsUniformEachPlaceHasIt) {
   }
 }
 
-TEST(SynthBoardsTest, PosesShowTheWholeBoardWhereAsked) {
+TEST(SynthBoardsTest, PosesShowWholeBoardAtRequestedPosition) {
   const auto spec = parse_board("chess:9x6", 0.025);
   const geometry::Camera camera{640, 480, 520, 520, 320, 240, {-0.3, 0.1, 0, 0, 0}};
   for (const geometry::Rigid3& pose : board_poses(camera, spec, 20, 1))
@@ -80,7 +80,7 @@ TEST(SynthBoardsTest, PosesShowTheWholeBoardWhereAsked) {
   EXPECT_NEAR(middle.y, 0.6 * 479, 4);
 }
 
-TEST(SynthBoardsTest, AVideoHoldsTheBoardStillAndMovesIt) {
+TEST(SynthBoardsTest, VideoAlternatesRestAndMotion) {
   const BoardVideo video({320, 240}, parse_board("chess:9x6", 0.025), 3);
   EXPECT_FALSE(video.pose_at(0.2));
   const auto first = video.pose_at(0.6);

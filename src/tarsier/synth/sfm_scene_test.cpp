@@ -40,7 +40,7 @@ std::vector<Trajectory> trajectories_of(Content content) {
 // Agreement of an object's colours in its first image with those at the point half a rotation
 // around it, in the opposite image. It compares the share of red, which does not depend on the
 // light.
-double likeness_after_half_a_turn(const SfmScene& scene) {
+double correlation_after_half_turn(const SfmScene& scene) {
   const int opposite = scene.count() / 2;
   const geometry::Camera camera = scene.camera();
   cv::Mat a;
@@ -78,7 +78,7 @@ double likeness_after_half_a_turn(const SfmScene& scene) {
 
 bool is_same(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
 
-TEST(SfmScene, DetailsAreAllThatTellTheSidesOfASymmetricBoxApart) {
+TEST(SfmScene, SymmetricBoxSidesDifferOnlyInDetails) {
   SceneOptions options = small(Content::kSymmetric, Trajectory::kRing);
   options.images = 4;  // one side each
   options.details = 0;
@@ -99,7 +99,7 @@ TEST(SfmScene, DetailsAreAllThatTellTheSidesOfASymmetricBoxApart) {
   EXPECT_THROW(options.check(), std::invalid_argument);
 }
 
-TEST(SfmScene, DepthAndPosesFitTheImages) {
+TEST(SfmScene, DepthAndPosesMatchImages) {
   for (const Content content :
        {Content::kRelief, Content::kBoxes, Content::kPlane, Content::kRoom, Content::kThin,
         Content::kPatchy, Content::kSymmetric, Content::kTemple, Content::kToy, Content::kHouses}) {
@@ -140,7 +140,7 @@ TEST(SfmScene, DepthAndPosesFitTheImages) {
   }
 }
 
-TEST(SfmScene, SeedsDecideAndThreadsDoNot) {
+TEST(SfmScene, DependsOnSeedNotThreads) {
   for (const SceneOptions& options :
        {small(), small(Content::kRelief, Trajectory::kGrid),
         small(Content::kHouses, Trajectory::kWalk), small(Content::kHouses, Trajectory::kCity),
@@ -157,22 +157,22 @@ TEST(SfmScene, SeedsDecideAndThreadsDoNot) {
   }
 }
 
-TEST(SfmScene, TempleAndToyLookTheSameAfterHalfATurnButForDetails) {
+TEST(SfmScene, TempleAndToyAreSymmetricUnderHalfTurnExceptDetails) {
   for (const Content content : {Content::kTemple, Content::kToy}) {
     SceneOptions options = small(content, Trajectory::kRing);
     options.size = {480, 360};
     options.focal_px = 800;
     options.images = 4;
     options.details = 0;
-    const double plain = likeness_after_half_a_turn(SfmScene(options));
+    const double plain = correlation_after_half_turn(SfmScene(options));
     options.details = 0.5;
-    const double detailed = likeness_after_half_a_turn(SfmScene(options));
+    const double detailed = correlation_after_half_turn(SfmScene(options));
     EXPECT_GT(plain, 0.85);
     EXPECT_LT(detailed, plain - 0.2);
   }
 }
 
-TEST(SfmScene, CamerasOfStreetsStandBeforeHouses) {
+TEST(SfmScene, StreetCamerasFaceHouses) {
   for (const Trajectory trajectory : {Trajectory::kWalk, Trajectory::kCity}) {
     SceneOptions options = small(Content::kHouses, trajectory);
     options.images = 60;
@@ -200,7 +200,7 @@ TEST(SfmScene, CamerasOfStreetsStandBeforeHouses) {
   }
 }
 
-TEST(SfmScene, AGridIsFlownInRowsStraightAbove) {
+TEST(SfmScene, GridCamerasLookDownInRows) {
   SceneOptions options = small(Content::kRelief, Trajectory::kGrid);
   options.images = 9;
   const SfmScene scene(options);
@@ -214,7 +214,7 @@ TEST(SfmScene, AGridIsFlownInRowsStraightAbove) {
   EXPECT_NEAR(scene.pose(3).center().y() - scene.pose(2).center().y(), 2, 0.8);
 }
 
-TEST(DrawnStreets, RepeatsAreHousesOfSixDesigns) {
+TEST(DrawnStreets, RepeatedHousesHaveSixDesigns) {
   const auto designs = [](const Streets& streets) {
     std::set<std::uint64_t> distinct;
     int count = 0;
@@ -231,7 +231,7 @@ TEST(DrawnStreets, RepeatsAreHousesOfSixDesigns) {
   EXPECT_EQ(designs(make_city(100, 1, Rng(1))).second, houses);
 }
 
-TEST(SfmScene, ACameraThatOnlyTurnsStaysAtItsPlace) {
+TEST(SfmScene, PureRotationKeepsCenter) {
   SceneOptions options = small();
   options.pure_rotation = true;
   const SfmScene scene(options);
@@ -259,7 +259,7 @@ TEST(SfmScene, ARoomHasAFloorAndFinsAreThin) {
   EXPECT_LT(2 * fins, nearer(boxes));
 }
 
-TEST(SfmScene, PatchesAreBareAndHighlightsAreBright) {
+TEST(SfmScene, PatchesAreUntexturedAndHighlightsAreBright) {
   const cv::Mat matt = SfmScene(small()).render(2);
   const cv::Mat shiny = SfmScene(small(Content::kShiny)).render(2);
   const cv::Mat patchy = SfmScene(small(Content::kPatchy)).render(2);
@@ -271,7 +271,7 @@ TEST(SfmScene, PatchesAreBareAndHighlightsAreBright) {
   EXPECT_GT(cv::countNonZero(flat), 240 * 180 / 5);
 }
 
-TEST(SfmScene, NothingIsOneColour) {
+TEST(SfmScene, ContentNothingHasOneColor) {
   cv::Scalar mean;
   cv::Scalar deviation;
   cv::meanStdDev(SfmScene(small(Content::kNothing)).render(0), mean, deviation);
@@ -280,7 +280,7 @@ TEST(SfmScene, NothingIsOneColour) {
   EXPECT_GT(deviation[1], 20);
 }
 
-TEST(SfmScene, TheTrianglesLieOnTheSurfaceThatIsDrawn) {
+TEST(SfmScene, TrianglesMatchRenderedSurface) {
   for (const Content content : {Content::kRelief, Content::kBoxes, Content::kRoom, Content::kThin,
                                 Content::kTemple, Content::kToy}) {
     for (const Trajectory trajectory : trajectories_of(content)) {
@@ -337,7 +337,7 @@ TEST(SfmScene, TheTrianglesLieOnTheSurfaceThatIsDrawn) {
   }
 }
 
-TEST(SfmScene, ImpossibleOptionsAreRefused) {
+TEST(SfmScene, RejectsInvalidOptions) {
   SceneOptions options = small();
   options.images = 0;
   EXPECT_THROW(SfmScene{options}, std::invalid_argument);

@@ -16,7 +16,7 @@ BoardView at(double x, double y, double tilt = 0) {
                            kSpec);
 }
 
-TEST(ViewCollectorTest, TakesWhatIsNewAndSharp) {
+TEST(ViewCollectorTest, AcceptsNewSharpViews) {
   ViewCollector collector(kSpec, {640, 480}, {});
   EXPECT_EQ(collector.offer(at(0.3, 0.3), 0.3).decision, ViewDecision::kAccepted);
   EXPECT_EQ(collector.offer(at(0.31, 0.3), 0.3).decision, ViewDecision::kTooSimilar);
@@ -46,7 +46,7 @@ TEST(ViewCollectorTest, WaitsForTheBoardToBeStill) {
   EXPECT_EQ(collector.offer(at(0.6, 0.3), 0.3).decision, ViewDecision::kMoving);
 }
 
-TEST(ViewCollectorTest, ForgetsTheLastOneAndHasAnEnd) {
+TEST(ViewCollectorTest, UndoesLastViewAndHasLimit) {
   CollectorOptions options;
   options.max_views = 3;
   ViewCollector collector(kSpec, {640, 480}, options);

@@ -46,7 +46,7 @@ double error_of(const BoardView& found, const BoardView& exact, bool may_be_turn
 
 class BoardsTest : public ::testing::TestWithParam<const char*> {};
 
-TEST_P(BoardsTest, AreFoundWhereTheyAre) {
+TEST_P(BoardsTest, AreDetectedAccurately) {
   const BoardSpec spec = parse_board(GetParam(), 0.03);
   const Camera camera = phone();
   const synth::BoardRenderer renderer(camera, spec);
@@ -77,7 +77,7 @@ INSTANTIATE_TEST_SUITE_P(All, BoardsTest,
                          ::testing::Values("chess:9x6", "charuco:7x5:5x5_100", "circles:4x11",
                                            "circles-grid:7x6"));
 
-TEST(FindBoardTest, ALargeImageIsSearchedSmallAndMeasuredLarge) {
+TEST(FindBoardTest, SearchesReducedImageAndRefinesInFullImage) {
   const BoardSpec spec = parse_board("chess:9x6", 0.03);
   Camera camera{2560, 1920, 2100, 2100, 1280, 960};
   const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.45, 0.55}, {25, 10, 5}, 0.6);
@@ -88,7 +88,7 @@ TEST(FindBoardTest, ALargeImageIsSearchedSmallAndMeasuredLarge) {
   EXPECT_LT(error_of(view, synth::exact_view(camera, pose, spec), true), 0.06);
 }
 
-TEST(FindBoardTest, ImagesWithoutTheBoardAreNoViews) {
+TEST(FindBoardTest, ReturnsEmptyViewWithoutBoard) {
   const BoardSpec spec = parse_board("chess:9x6", 0.03);
   const Camera camera = phone();
   cv::Mat noise(480, 640, CV_8UC3);
@@ -100,11 +100,11 @@ TEST(FindBoardTest, ImagesWithoutTheBoardAreNoViews) {
   if (const char* folder = std::getenv("TARSIER_KEEP"))
     cv::imwrite(std::string(folder) + "/wrong.png", wrong);
   for (const char* text : {"chess:9x6", "charuco:7x5:5x5_100", "circles:4x11"}) {
-    const BoardSpec wanted = parse_board(text, 0.03);
-    EXPECT_TRUE(find_board(noise, wanted).empty()) << text;
-    EXPECT_TRUE(find_board(wrong, wanted).empty()) << text;
-    EXPECT_TRUE(find_board(cv::Mat(480, 640, CV_8UC1, cv::Scalar(127)), wanted).empty()) << text;
-    EXPECT_TRUE(find_board(cv::Mat(16, 5000, CV_8UC1, cv::Scalar(0)), wanted).empty()) << text;
+    const BoardSpec searched = parse_board(text, 0.03);
+    EXPECT_TRUE(find_board(noise, searched).empty()) << text;
+    EXPECT_TRUE(find_board(wrong, searched).empty()) << text;
+    EXPECT_TRUE(find_board(cv::Mat(480, 640, CV_8UC1, cv::Scalar(127)), searched).empty()) << text;
+    EXPECT_TRUE(find_board(cv::Mat(16, 5000, CV_8UC1, cv::Scalar(0)), searched).empty()) << text;
   }
   EXPECT_THAT(other_chess_sizes(wrong, parse_board("chess:7x5", 0.03)), Contains("6x4"));
   EXPECT_TRUE(find_board(cv::Mat(3, 5, CV_8UC3, cv::Scalar::all(9)), spec).empty());
@@ -125,7 +125,7 @@ TEST(FindBoardTest, ACharucoBoardMayBePartlyHidden) {
   EXPECT_LT(error_of(view, synth::exact_view(camera, pose, spec), false), 0.08);
 }
 
-TEST(FindBoardTest, UnevenAndDimLightDoesNoHarm) {
+TEST(FindBoardTest, ToleratesUnevenAndDimLight) {
   const Camera camera = phone();
   for (const char* text :
        {"chess:9x6", "charuco:7x5:5x5_100", "circles:4x11", "circles-grid:7x6"}) {
@@ -163,7 +163,7 @@ TEST(FindBoardTest, SharpnessFallsWithBlur) {
 
 class RenderedTest : public ::testing::TestWithParam<const char*> {};
 
-TEST_P(RenderedTest, ImagesGiveTheCamera) {
+TEST_P(RenderedTest, CalibratesCameraFromImages) {
   const BoardSpec spec = parse_board(GetParam(), 0.03);
   const Camera truth = phone();
   const synth::BoardRenderer renderer(truth, spec);
@@ -190,7 +190,7 @@ INSTANTIATE_TEST_SUITE_P(All, RenderedTest,
                                            "circles-grid:7x6"));
 
 // Wide lenses: the whole chain from images to the camera.
-TEST(FindBoardTest, RenderedImagesGiveFisheyesAndRationalLensesToo) {
+TEST(FindBoardTest, CalibratesFisheyeAndRationalLenses) {
   const Camera fisheye{
       640, 480, 245, 246, 322, 238, {0.03, -0.01, 2e-3, -5e-4}, 0, geometry::Lens::kFisheye};
   Camera rational = phone();
@@ -228,7 +228,7 @@ TEST(FindBoardTest, RenderedImagesGiveFisheyesAndRationalLensesToo) {
 }
 
 // The stereo pair of OpenCV's samples: 13 images of a 9x6 board for each camera.
-TEST(FindBoardTest, OpenCvsOwnImagesOfABoard) {
+TEST(FindBoardTest, DetectsBoardInOpenCvSampleImages) {
   TARSIER_LONG_TEST();
   const std::string folder = "/usr/share/doc/opencv-doc/examples/data/";
   if (!std::filesystem::exists(folder + "left01.jpg"))

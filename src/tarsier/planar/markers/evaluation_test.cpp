@@ -23,7 +23,7 @@ MarkerRecord marker_at(int id, double x, double y, double side) {
   return marker;
 }
 
-TEST(MarkerEvaluator, CountsFoundMissedWrongAndTurned) {
+TEST(MarkerEvaluator, CountsPositivesAndRotatedMarkers) {
   MarkerTruth truth;
   truth.level = "easy";
   truth.markers = {marker_at(1, 10, 10, 40), marker_at(2, 100, 10, 40), marker_at(3, 200, 10, 40)};
@@ -50,7 +50,7 @@ TEST(MarkerEvaluator, CountsFoundMissedWrongAndTurned) {
   EXPECT_EQ(score.levels.at("easy"), (std::pair{1, 3}));
 }
 
-TEST(MarkerTruth, IsReadAndBadLinesAreNamed) {
+TEST(MarkerTruth, IsParsedAndErrorsNameTheLine) {
   const TemporaryFolder folder;
   const std::string path = folder / "truth.jsonl";
   const std::string good =
@@ -90,7 +90,7 @@ TEST(MarkerTruth, IsReadAndBadLinesAreNamed) {
   EXPECT_THROW((void)read_marker_truth(folder / "none"), InputError);
 }
 
-TEST(FoundMarkers, MayHaveNoPoses) {
+TEST(DetectedMarkers, MayHaveNoPoses) {
   const TemporaryFolder folder;
   const std::string path = folder / "found.jsonl";
   std::ofstream(path) << R"({"image":"a.png","markers":[{"id":4,"corners":[[1,2],[3,4],[5,6],)"

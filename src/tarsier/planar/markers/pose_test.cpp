@@ -57,7 +57,7 @@ TEST(MarkerPose, FrameIsUprightAndOutOfTheSheet) {
   EXPECT_THROW((void)pose_of_marker(marker, 0, test_camera()), std::invalid_argument);
 }
 
-TEST(MarkerPose, ABoardIsSteadierThanItsMarkers) {
+TEST(MarkerPose, BoardIsMoreAccurateThanItsMarkers) {
   const geometry::Camera camera = test_camera();
   const geometry::Rigid3 truth{
       Eigen::Matrix3d{
@@ -92,7 +92,7 @@ TEST(MarkerPose, ABoardIsSteadierThanItsMarkers) {
   EXPECT_FALSE(pose_of_board({}, board, camera));
 }
 
-TEST(PoseTracks, TwoOfOneIdKeepTheirOwnTracks) {
+TEST(PoseTracks, DistinguishTwoMarkersOfOneId) {
   const geometry::Camera camera = test_camera();
   PoseTracks tracks;
   for (int i = 0; i < 10; ++i) {
@@ -117,7 +117,7 @@ TEST(PoseTracks, TwoOfOneIdKeepTheirOwnTracks) {
 }
 
 // A whole video: detection, poses, filtering.
-TEST(PoseTracks, VideosHaveFewFlipsAndStayPutAtRest) {
+TEST(PoseTracks, HaveFewFlipsAndAreSteadyAtRest) {
   const Dictionary& family = find_dictionary("36h11");
   synth::VideoOptions options;
   options.shutter = 0;

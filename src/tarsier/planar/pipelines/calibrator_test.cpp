@@ -69,7 +69,7 @@ Frame moment(const cv::Mat& image, int index, const std::string& name = "board.m
   return frame;
 }
 
-TEST(Calibrator, FindsTheCameraOfImages) {
+TEST(Calibrator, CalibratesFromImages) {
   const auto calibrator = Calibrator::load(options());
   CalibratorState state;
   for (const cv::Mat& image : stills())
@@ -99,7 +99,7 @@ TEST(Calibrator, FindsTheCameraOfImages) {
   EXPECT_EQ(all["images"], 9);
 }
 
-TEST(Calibrator, TakesOfAVideoWhatIsNew) {
+TEST(Calibrator, AcceptsNewViewsOfVideo) {
   CalibratorOptions how = options();
   how.keep_images = true;
   how.examine_every_s = 0.3;
@@ -123,7 +123,7 @@ TEST(Calibrator, TakesOfAVideoWhatIsNew) {
   EXPECT_NEAR(result.calibration.camera.fx / video().camera().fx, 1, 1e-2);
 }
 
-TEST(Calibrator, ASharperViewTakesThePlaceOfOneThatIsAlike) {
+TEST(Calibrator, SharperViewReplacesSimilarOne) {
   CalibratorOptions how = options();
   how.collect.min_sharpness = 0;
   const auto calibrator = Calibrator::load(how);
@@ -144,7 +144,7 @@ TEST(Calibrator, ASharperViewTakesThePlaceOfOneThatIsAlike) {
   EXPECT_EQ(state.views.size(), 2U);
 }
 
-TEST(Calibrator, TheSizeOfMostViewsWins) {
+TEST(Calibrator, UsesMostFrequentImageSize) {
   const auto calibrator = Calibrator::load(options());
   CalibratorState state;
   cv::Mat larger;
@@ -161,7 +161,7 @@ TEST(Calibrator, TheSizeOfMostViewsWins) {
   EXPECT_EQ(line["reason"], "720x540 px, most others have 480x360");
 }
 
-TEST(Calibrator, SaysWhyThereIsNoCamera) {
+TEST(Calibrator, ReportsWhyThereIsNoCamera) {
   const auto calibrator = Calibrator::load(options());
   CalibratorState state;
   EXPECT_THROW((void)calibrator.calibrate(state), std::invalid_argument);
@@ -174,7 +174,7 @@ TEST(Calibrator, SaysWhyThereIsNoCamera) {
   EXPECT_EQ(to_json(result, result.images[0])["used"], false);
 }
 
-TEST(Calibrator, NamesTheBoardThatIsThere) {
+TEST(Calibrator, SuggestsOtherBoard) {
   CalibratorOptions how = options();
   how.board = calibration::parse_board("chess:8x6", 0.025);
   const auto calibrator = Calibrator::load(how);
@@ -184,7 +184,7 @@ TEST(Calibrator, NamesTheBoardThatIsThere) {
   EXPECT_EQ(calibrator.other_board(state), "9x6");
 }
 
-TEST(Calibrator, ALiveViewIsTakenWhenItIsStill) {
+TEST(Calibrator, AcceptsStillLiveViews) {
   const auto calibrator = Calibrator::load(live_options());
   CalibratorState state;
   EXPECT_EQ(calibrator.process(moment(stills()[0], 0), state).decision, ViewDecision::kMoving);
@@ -207,7 +207,7 @@ TEST(Calibrator, ALiveViewIsTakenWhenItIsStill) {
   EXPECT_EQ(calibrator.take(state).decision, ViewDecision::kNoBoard);
 }
 
-TEST(Calibrator, ALiveBoardThatStaysAwayIsSearchedInEveryThirdFrame) {
+TEST(Calibrator, SearchesEveryThirdLiveFrameWithoutBoard) {
   const auto calibrator = Calibrator::load(live_options());
   CalibratorState state;
   const cv::Mat nothing(kSize, CV_8UC3, cv::Scalar::all(120));
@@ -217,7 +217,7 @@ TEST(Calibrator, ALiveBoardThatStaysAwayIsSearchedInEveryThirdFrame) {
   EXPECT_TRUE(state.images.empty());
 }
 
-TEST(Calibrator, ForgetsAViewOfAVideo) {
+TEST(Calibrator, RemovesViewOfVideo) {
   const auto calibrator = Calibrator::load(options());
   CalibratorState state;
   (void)calibrator.process(moment(stills()[0], 0), state);
@@ -233,7 +233,7 @@ TEST(Calibrator, ForgetsAViewOfAVideo) {
   EXPECT_TRUE(state.views.empty());
 }
 
-TEST(Calibrator, RefusesBadOptions) {
+TEST(Calibrator, RejectsInvalidOptions) {
   CalibratorOptions how = options();
   how.search_px = 3;
   EXPECT_THROW((void)Calibrator::load(how), std::invalid_argument);

@@ -36,7 +36,7 @@ Frame frame_of(const cv::Mat& image, bool still, const std::string& name = "desk
   return frame;
 }
 
-TEST(TargetTracker, FindsATargetOfAFileAndItsPose) {
+TEST(TargetTracker, DetectsTargetOfFileAndItsPose) {
   const TemporaryFolder folder;
   const std::string path = folder / "poster.target.json";
   image_targets::write_target(path, poster());
@@ -64,7 +64,7 @@ TEST(TargetTracker, FindsATargetOfAFileAndItsPose) {
   EXPECT_EQ(json["ms"], 7.01);
 }
 
-TEST(TargetTracker, TracksAVideoUntilAnotherSourceBegins) {
+TEST(TargetTracker, TracksVideosAndResetsForAnotherSource) {
   const TargetTracker tracker({poster()});
   TargetState state;
   const auto clip = video();
@@ -84,7 +84,7 @@ TEST(TargetTracker, TracksAVideoUntilAnotherSourceBegins) {
   EXPECT_EQ(frames_of("c/2.png", 0.24), 2);  // a folder that is played as a video
 }
 
-TEST(TargetTracker, KnowsNoPoseWithoutACamera) {
+TEST(TargetTracker, HasNoPoseWithoutCamera) {
   const TargetTracker tracker({poster()});
   TargetState state;
   const auto result = tracker.process(frame_of(video().image_at(0), true), state);
@@ -94,7 +94,7 @@ TEST(TargetTracker, KnowsNoPoseWithoutACamera) {
   EXPECT_FALSE(to_json(result)["markers"][0].contains("tvec"));
 }
 
-TEST(TargetTracker, NamesWhatIsWrong) {
+TEST(TargetTracker, RejectsInvalidInput) {
   EXPECT_THROW((void)TargetTracker::load({"/nowhere/x.target.json"}), Error);
   TargetTrackerOptions options;
   options.track.min_inlier_share = 2;
