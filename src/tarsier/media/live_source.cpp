@@ -319,7 +319,8 @@ LiveFailure LiveSource::follow(const std::stop_token& stop) {
 // again.
 bool LiveSource::wait_to_reopen(const LiveFailure& failure, const std::stop_token& stop) {
   double wait_s = backoff_s_;
-  if (!failure.unreachable && !failure.denied) wait_s = std::min(wait_s, timing_.answering_max_s);
+  if (!failure.unreachable && !failure.denied)
+    wait_s = std::min(wait_s, timing_.max_wait_when_answering_s);
   backoff_s_ = std::min(2 * backoff_s_, timing_.backoff_max_s);
   log_warning("{}: {}; retry in {}{}", label_, failure.reason, in_seconds(wait_s),
               failure.unreachable && wait_s > timing_.probe_s ? ", or as soon as it answers" : "");

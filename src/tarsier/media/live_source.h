@@ -75,7 +75,7 @@ struct LiveTiming {
   double backoff_s = 1;       // the first wait before a reopen; doubles ..
   double backoff_max_s = 30;  // .. up to this
   // Limit of the wait for something that answers, but not with frames.
-  double answering_max_s = 2.5;
+  double max_wait_when_answering_s = 2.5;
   double probe_s = 1;         // interval of probes of something that does not answer
   double healthy_s = 10;      // time with frames after which the back-off is reset
   double open_attempt_s = 3;  // limit for one open()

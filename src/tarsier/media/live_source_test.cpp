@@ -41,7 +41,7 @@ LiveTiming quick_timing() {
   LiveTiming timing;
   timing.backoff_s = 0.1;
   timing.backoff_max_s = 30;
-  timing.answering_max_s = 0.4;
+  timing.max_wait_when_answering_s = 0.4;
   timing.probe_s = 0.1;
   return timing;
 }

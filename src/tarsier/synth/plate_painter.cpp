@@ -156,9 +156,9 @@ void euro_band(const PlatePainter& p, const PlateStyle& style, bool left) {
 
 void separator(const PlatePainter& p, const PlateStyle& style, PlateSeparator kind, double x,
                double y, double room) {
-  const double radius = style.emblem > 0
-                            ? std::min(style.emblem * style.cap * 0.5, std::max(4.0, room * 0.48))
-                            : std::clamp(room * 0.36, 4.0, style.cap * 0.2);
+  const double radius =
+      style.emblem > 0 ? std::min(style.emblem * style.cap_height * 0.5, std::max(4.0, room * 0.48))
+                       : std::clamp(room * 0.36, 4.0, style.cap_height * 0.2);
   const auto dash = [&] {
     const double half = std::clamp(room * 0.28, 3.0, 11.0);
     cv::rectangle(p.image, cv::Rect(p.at(x - half, y - 4), p.at(x + half, y + 4)), style.ink,
@@ -177,18 +177,18 @@ void separator(const PlatePainter& p, const PlateStyle& style, PlateSeparator ki
       disc(p, x, y, radius);
       break;
     case PlateSeparator::kSeals:
-      disc(p, x, y - style.cap * 0.27, radius * 0.95);
-      disc(p, x, y + style.cap * 0.24, radius);
+      disc(p, x, y - style.cap_height * 0.27, radius * 0.95);
+      disc(p, x, y + style.cap_height * 0.24, radius);
       break;
     case PlateSeparator::kEmblem:
-      if (style.crests)
+      if (style.has_crests)
         crest(p, style, x, y, radius * p.rng.uniform(1, 1.5));
       else
         emblem(p, x, y, radius * 1.3);
       break;
     case PlateSeparator::kDashAndSeal:
       dash();
-      disc(p, x, y + (p.with_probability(0.5) ? -1 : 1) * style.cap * 0.3, radius * 0.8);
+      disc(p, x, y + (p.with_probability(0.5) ? -1 : 1) * style.cap_height * 0.3, radius * 0.8);
       break;
   }
 }

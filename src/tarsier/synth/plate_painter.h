@@ -23,13 +23,13 @@ struct ColorRange {
 struct PlateStyle {
   double width = 520;
   double height = 110;
-  double cap = 77;          // cap height
-  double cell = 43;         // width of a digit
+  double cap_height = 77;
+  double digit_width = 43;
   double gap = 14;          // between characters
   double group_gap = 41;    // between groups
   double centre = 0.5;      // vertical position of the text, share of the height
   bool fixed_pitch = true;  // a 1 is as wide as an 8
-  double widest = 1.35;     // width of a W / width of a digit
+  double w_width = 1.35;    // width of a W / width of a digit
   bool inverted_w = false;  // the W is an M upside down, as in many dies of one width
   double band_left = 0;     // width of the euro band
   double band_right = 0;
@@ -45,13 +45,13 @@ struct PlateStyle {
   // For wild plates.
   bool slogan_above = false;
   bool slogan_below = false;
-  bool stacked = false;           // two small letters, one above the other, beside the text
+  bool has_stacked_letters = false;  // two small letters, one above the other, beside the text
   double relief = 0;              // mm, width of the lit and the dark edge of embossed characters
-  double relief_from = 0;         // direction of the light, rad
+  double relief_direction = 0;    // direction of the light, rad
   double relief_strength = 0;     // 0..1
-  double worn = 0;                // share of the paint that is missing where the wear is heaviest
+  double max_wear = 0;            // share of the paint that is missing where the wear is heaviest
   double emblem = 0;              // size of emblems between groups, share of the cap height
-  bool crests = false;            // emblems have parts, like seals and coats of arms
+  bool has_crests = false;        // emblems have parts, like seals and coats of arms
   bool has_side_symbols = false;  // small symbols beside the text that do not belong to it
   double lattice = 0;             // grey levels of a background pattern
 };

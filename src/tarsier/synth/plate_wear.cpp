@@ -12,15 +12,15 @@ namespace tarsier::synth {
 
 void make_wild(PlateStyle& style, bool slogans, Rng& rng) {
   const auto with_probability = [&](double p) { return rng.uniform() < p; };
-  style.cell *= rng.uniform(0.85, 1.2);
+  style.digit_width *= rng.uniform(0.85, 1.2);
   style.gap *= rng.uniform(0.6, 1.3);
   if (with_probability(0.15)) style.slant = rng.normal(0, 0.1);
   // A town, a state or a slogan above or below; the text moves.
-  const double spare = style.height - style.cap;
+  const double spare = style.height - style.cap_height;
   if (slogans && with_probability(0.35)) {
     style.slogan_above = with_probability(0.6);
     style.slogan_below = !style.slogan_above || with_probability(0.3);
-    if (spare < 0.35 * style.height) style.cap *= rng.uniform(0.76, 0.9);
+    if (spare < 0.35 * style.height) style.cap_height *= rng.uniform(0.76, 0.9);
     const double shift = rng.uniform(0.02, 0.09);
     style.centre = std::clamp(
         style.centre + (style.slogan_above ? shift : 0) - (style.slogan_below ? shift : 0), 0.42,
@@ -28,21 +28,22 @@ void make_wild(PlateStyle& style, bool slogans, Rng& rng) {
   }
   if (with_probability(0.4)) {  // an emblem that fills the gap, sometimes as high as the letters
     style.emblem = rng.uniform(0.4, 1.1);
-    style.group_gap = std::max(style.group_gap, style.cap * style.emblem * rng.uniform(0.6, 1.1));
+    style.group_gap =
+        std::max(style.group_gap, style.cap_height * style.emblem * rng.uniform(0.6, 1.1));
   }
-  style.stacked = with_probability(0.07);
+  style.has_stacked_letters = with_probability(0.07);
   if (with_probability(0.5)) {
     style.relief = rng.uniform(0.5, 2.5);
-    style.relief_from = rng.uniform(0, 2 * CV_PI);
+    style.relief_direction = rng.uniform(0, 2 * CV_PI);
     style.relief_strength = rng.uniform(0.15, 0.7);
   }
-  if (with_probability(0.3)) style.worn = rng.uniform(0.1, 0.8);
+  if (with_probability(0.3)) style.max_wear = rng.uniform(0.1, 0.8);
   if (with_probability(0.35)) {  // faint ink
     const double share = rng.uniform(0.05, 0.6);
     style.ink = style.ink * (1 - share) + style.ground * share;
   }
   style.lattice = with_probability(0.15) ? rng.uniform(4, 22) : 0;
-  style.crests = with_probability(0.7);
+  style.has_crests = with_probability(0.7);
   style.has_side_symbols = with_probability(0.06);
 }
 
@@ -61,8 +62,8 @@ void wear(cv::Mat& mask, double strength, Rng& rng) {
 
 void relief(const PlatePainter& p, const PlateStyle& style, const cv::Mat& mask, cv::Point corner) {
   const double far = style.relief * p.s;
-  const cv::Point away(cvRound(far * std::cos(style.relief_from)),
-                       cvRound(far * std::sin(style.relief_from)));
+  const cv::Point away(cvRound(far * std::cos(style.relief_direction)),
+                       cvRound(far * std::sin(style.relief_direction)));
   if (away == cv::Point(0, 0)) return;
   blend(p.image, mask * style.relief_strength, corner - away, Color::all(255));
   blend(p.image, mask * style.relief_strength, corner + away, Color::all(30));
@@ -86,7 +87,7 @@ void slogans(const PlatePainter& p, const PlateStyle& style) {
   const double middle = style.height * style.centre;
   for (const bool above : {true, false}) {
     if (!(above ? style.slogan_above : style.slogan_below)) continue;
-    const double room = (above ? middle : style.height - middle) - style.cap / 2;
+    const double room = (above ? middle : style.height - middle) - style.cap_height / 2;
     if (room < 9) continue;
     const double cap = std::clamp(room * p.rng.uniform(0.4, 0.75), 5.0, 22.0);
     const double y = above ? room / 2 : style.height - room / 2;
@@ -104,13 +105,13 @@ void slogans(const PlatePainter& p, const PlateStyle& style) {
 }
 
 double stacked_letters(const PlatePainter& p, const PlateStyle& style, double x, double y) {
-  const double cap = style.cap * p.rng.uniform(0.36, 0.46);
+  const double cap = style.cap_height * p.rng.uniform(0.36, 0.46);
   const bool digits = p.with_probability(0.3);
   for (const double side : {-1.0, 1.0}) {
     const std::string one =
         digits ? std::string(1, kPlateSymbols[static_cast<std::size_t>(p.rng.integer(0, 9))])
                : random_word(p.rng, 1, 1);
-    small_text(p, one, x, y + side * style.cap * 0.26, cap, style.ink, 0.9);
+    small_text(p, one, x, y + side * style.cap_height * 0.26, cap, style.ink, 0.9);
   }
   return cap * 0.8;
 }
@@ -121,9 +122,9 @@ double side_symbols(const PlatePainter& p, const PlateStyle& style, double x, do
   for (int i = p.rng.integer(1, 3); i > 0; --i)
     text += kPlateSymbols[static_cast<std::size_t>(digits ? p.rng.integer(0, 9)
                                                           : p.rng.integer(10, 35))];
-  const double cap = style.cap * p.rng.uniform(0.3, 0.6);
+  const double cap = style.cap_height * p.rng.uniform(0.3, 0.6);
   const double width = cap * 0.62 * static_cast<double>(text.size());
-  const double down = p.rng.uniform(-0.5, 0.5) * (style.cap - cap);
+  const double down = p.rng.uniform(-0.5, 0.5) * (style.cap_height - cap);
   const Color color = p.with_probability(0.8) ? style.ink : p.any_color();
   small_text(p, text, ends ? x - width / 2 : x + width / 2, y + down, cap, color, 0.9);
   return width * 1.15;
@@ -185,7 +186,7 @@ void crest(const PlatePainter& p, const PlateStyle& style, double x, double y, d
 
 void ghost(const PlatePainter& p, const PlateStyle& style, double x, double y) {
   const cv::Mat before = p.image.clone();
-  crest(p, style, x, y, style.cap * p.rng.uniform(0.4, 1));
+  crest(p, style, x, y, style.cap_height * p.rng.uniform(0.4, 1));
   const double strength = p.rng.uniform(0.1, 0.6);
   cv::addWeighted(p.image, strength, before, 1 - strength, 0, p.image);
 }

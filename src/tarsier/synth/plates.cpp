@@ -35,7 +35,7 @@ PlateStyle standard_style(PlateKind kind, int rows) {
       break;
     case PlateKind::kSpainOld:
       style.group_gap = 30;
-      style.cell = 40;
+      style.digit_width = 40;
       break;
     case PlateKind::kSpainSquare:
       style.width = 340;
@@ -45,16 +45,16 @@ PlateStyle standard_style(PlateKind kind, int rows) {
     case PlateKind::kSpainMoto:
       style.width = 220;
       style.height = 160;
-      style.cap = 56;
-      style.cell = 32;
+      style.cap_height = 56;
+      style.digit_width = 32;
       style.gap = 10;
       style.band_left = 30;
       break;
     case PlateKind::kUs:
       style.width = 305;
       style.height = 152;
-      style.cap = 66;
-      style.cell = 32;
+      style.cap_height = 66;
+      style.digit_width = 32;
       style.gap = 8;
       style.group_gap = 24;
       style.centre = 0.53;
@@ -64,8 +64,8 @@ PlateStyle standard_style(PlateKind kind, int rows) {
     case PlateKind::kBrazil:
       style.width = 400;
       style.height = 130;
-      style.cap = 63;
-      style.cell = 38;
+      style.cap_height = 63;
+      style.digit_width = 38;
       style.gap = 9;
       style.group_gap = 26;
       style.centre = 0.6;
@@ -75,8 +75,8 @@ PlateStyle standard_style(PlateKind kind, int rows) {
   if (rows == 2 && kind == PlateKind::kUs) {
     style.width = 178;
     style.height = 102;
-    style.cap = 36;
-    style.cell = 20;
+    style.cap_height = 36;
+    style.digit_width = 20;
   }
   return style;
 }
@@ -117,13 +117,13 @@ void vary(PlateStyle& style, PlateKind kind, const GlyphSet& glyphs, Rng& rng) {
   style.typeface = glyphs.pick(rng);
   style.weight =
       std::clamp(static_cast<int>(std::lround(rng.normal(1.8, 1.1))), 0, GlyphSet::kWeights - 1);
-  style.cap *= rng.uniform(0.92, 1.08);
-  style.cell *= rng.uniform(0.8, 1.12);
+  style.cap_height *= rng.uniform(0.92, 1.08);
+  style.digit_width *= rng.uniform(0.8, 1.12);
   style.gap *= rng.uniform(0.5, 1.3);
   style.group_gap *= rng.uniform(0.5, 1.2);
   style.centre += rng.normal(0, 0.015);
   style.fixed_pitch = rng.uniform() < 0.6;
-  style.widest = rng.uniform(0.98, 1.35);
+  style.w_width = rng.uniform(0.98, 1.35);
   style.slant = rng.uniform() < 0.12 ? rng.normal(0, 0.08) : 0;
   style.inverted_w = rng.uniform() < (kind == PlateKind::kUs ? 0.6 : 0.3);
   style.border = rng.uniform() < 0.6 ? rng.uniform(1, 6) : 0;
@@ -168,7 +168,7 @@ struct Line {
 
 Line lay_out(const std::string& groups, const PlateStyle& style, const GlyphSet& glyphs,
              double from, double to) {
-  const double stretch = style.cell / style.cap /
+  const double stretch = style.digit_width / style.cap_height /
                          glyphs.typefaces()[static_cast<std::size_t>(style.typeface)].digit_aspect;
   Line line;
   double width = 0;
@@ -182,8 +182,9 @@ Line lay_out(const std::string& groups, const PlateStyle& style, const GlyphSet&
     Cell cell{};
     cell.symbol = c;
     const cv::Mat mask = letter_of(glyphs, style, c);
-    cell.width = std::min(style.cap * stretch * mask.cols / mask.rows, style.cell * style.widest);
-    cell.room = style.fixed_pitch ? std::max(style.cell, cell.width) : cell.width;
+    cell.width = std::min(style.cap_height * stretch * mask.cols / mask.rows,
+                          style.digit_width * style.w_width);
+    cell.room = style.fixed_pitch ? std::max(style.digit_width, cell.width) : cell.width;
     width += cell.room + style.gap;
     line.cells.push_back(cell);
   }
@@ -211,12 +212,12 @@ void letter(const PlatePainter& p, const PlateStyle& style, const Line& line, do
             bool embossed, PlateFace& face) {
   for (const Cell& cell : line.cells) {
     const cv::Mat source = letter_of(p.glyphs, style, cell.symbol);
-    const cv::Size size(std::max(2, p.px(cell.width)), std::max(4, p.px(style.cap)));
+    const cv::Size size(std::max(2, p.px(cell.width)), std::max(4, p.px(style.cap_height)));
     cv::Mat mask;
     cv::resize(source, mask, size, 0, 0, cv::INTER_AREA);
     mask = slanted(mask, style.slant);
-    if (style.worn > 0) wear(mask, style.worn, p.rng);
-    const cv::Point corner = p.at(cell.left, y - style.cap / 2);
+    if (style.max_wear > 0) wear(mask, style.max_wear, p.rng);
+    const cv::Point corner = p.at(cell.left, y - style.cap_height / 2);
     if (embossed && p.s > 0.5) {
       blend(p.image, mask * 0.5, corner + cv::Point(-1, -1), Color::all(255));
       blend(p.image, mask * 0.35, corner + cv::Point(1, 1), Color::all(60));
@@ -318,21 +319,22 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
       const double room = rng.uniform(22, 42) * style.width / 520 + 8;
       const bool before = rng.uniform() < 0.7;
       const double x = before ? from + room / 2 - 6 : to - room / 2 + 6;
-      const double at = y + rng.normal(0, style.cap * 0.12);
+      const double at = y + rng.normal(0, style.cap_height * 0.12);
       separator(p, style, rng.uniform() < 0.3 ? PlateSeparator::kSeals : PlateSeparator::kEmblem, x,
                 at, room);
       if (rng.uniform() < 0.4)
-        small_text(p, random_word(rng, 1, 3), x, y + style.cap * 0.38, style.cap * 0.2, style.ink);
+        small_text(p, random_word(rng, 1, 3), x, y + style.cap_height * 0.38,
+                   style.cap_height * 0.2, style.ink);
       if (before)
         from += room;
       else
         until -= room;
     }
-    if (style.stacked && rows.size() == 1) {
+    if (style.has_stacked_letters && rows.size() == 1) {
       if (rng.uniform() < 0.6)
-        from += stacked_letters(p, style, from + style.cap * 0.18, y) + style.gap;
+        from += stacked_letters(p, style, from + style.cap_height * 0.18, y) + style.gap;
       else
-        until -= stacked_letters(p, style, until - style.cap * 0.18, y) + style.gap;
+        until -= stacked_letters(p, style, until - style.cap_height * 0.18, y) + style.gap;
     }
     if (style.has_side_symbols && rows.size() == 1) {
       if (rng.uniform() < 0.4)

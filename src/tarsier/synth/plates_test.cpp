@@ -326,7 +326,7 @@ TEST(PlateOrnaments, SideSymbolsStartOrEndAtGivenPosition) {
       const double width = side_symbols(painted.painter(), painted.style, 300, 100, ends);
       const cv::Rect where = painted.changed();
       EXPECT_GT(where.height, 15) << seed;
-      EXPECT_LT(where.height, 0.7 * painted.style.cap) << seed;
+      EXPECT_LT(where.height, 0.7 * painted.style.cap_height) << seed;
       const double middle = where.x + where.width / 2.0;
       EXPECT_EQ(middle < 300, ends) << seed;
       EXPECT_LT(std::abs(middle - 300), width) << seed;

@@ -418,13 +418,13 @@ cv::Mat SfmScene::render(int index, const std::stop_token& stop) const {
       const int left = block % across * kBlock;
       const int top = block / across * kBlock;
       const double center = (kBlock - 1) / 2.0;
-      const double block_clear = parts.field.clear_until(
+      const double block_clear = parts.field.free_distance(
           view.center, parts.ray(view, left + center, top + center), spread(center + kSample), 0);
       for (int y = top; y < std::min(top + kBlock, image.rows); ++y) {
         auto* out = image.ptr<cv::Vec3b>(y);
         for (int x = left; x < std::min(left + kBlock, image.cols); ++x) {
-          const double clear = parts.field.clear_until(view.center, parts.ray(view, x, y),
-                                                       spread(kSample), block_clear);
+          const double clear = parts.field.free_distance(view.center, parts.ray(view, x, y),
+                                                         spread(kSample), block_clear);
           cv::Vec3f sum{0, 0, 0};
           for (int k = 0; k < 4; ++k) {
             const double u = x + (k % 2 == 0 ? -kSample : kSample);

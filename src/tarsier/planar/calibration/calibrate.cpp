@@ -94,7 +94,7 @@ std::optional<Camera> start_camera(const std::vector<FitView>& all, cv::Size siz
     FitOptions few;
     few.fix_aspect = true;
     few.fix_center = true;
-    few.fix_tangent = true;
+    few.fix_tangential = true;
     few.radial = 1;
     few.loss_px = 3;
     few.max_steps = 25;
@@ -132,7 +132,7 @@ std::optional<Camera> refined_start(const std::vector<FitView>& all, cv::Size si
 FitOptions fit_options(const CalibrateOptions& options, const Camera& camera, double loss_px) {
   FitOptions fit;
   fit.fix_aspect = options.square_pixels;
-  fit.fix_tangent = !options.tangential;
+  fit.fix_tangential = !options.tangential;
   fit.radial = camera.lens == Lens::kFisheye ? 4 : options.radial;
   fit.loss_px = loss_px;
   return fit;
@@ -459,7 +459,7 @@ Calibration calibrate(const std::vector<BoardView>& board_views, const BoardSpec
 
   const auto points = static_cast<double>(used_points(views));
   camera.rms = std::sqrt(fit.cost / points);
-  const double freedom = 2 * points - number_count(camera) - 6.0 * result.used;
+  const double freedom = 2 * points - parameter_count(camera) - 6.0 * result.used;
   const double sigma = std::sqrt(fit.cost / std::max(1.0, freedom));
   const Eigen::VectorXd variances = variances_of(fit.information);
   result.deviations = deviations_of(variances, sigma);

@@ -85,7 +85,7 @@ TEST(CalibrateTest, RmsMatchesNoise) {
     const Calibration c = calibrate(seen_by(truth, poses, sigma, 7), kChess, {640, 480}, options);
     ASSERT_TRUE(c.ok()) << c.refusal;
     const double values = 2 * 20 * 54.0;
-    const double freedom = values - number_count(truth) - 6 * 20;
+    const double freedom = values - parameter_count(truth) - 6 * 20;
     const double expected = sigma * std::sqrt(2 * freedom / values);
     EXPECT_NEAR(c.camera.rms / expected, 1, 0.04);  // 2160 values: 1.5 % is one deviation
     EXPECT_NEAR(c.camera.fx / truth.fx, 1, 2e-3);

@@ -161,7 +161,7 @@ const std::array<std::array<std::uint8_t, 2>, 64 * kSketchWords>& sketch_pairs()
   return table;
 }
 
-void describe(const Level& level, const Candidate& c, float angle, Description& out) {
+void describe(const Level& level, const Candidate& c, float angle, Descriptor& out) {
   const Kernels& kernel = kernels();
   const double dx = kSpacing * std::cos(angle);
   const double dy = kSpacing * std::sin(angle);
@@ -245,7 +245,7 @@ FeatureSet find_features(const Pyramid& pyramid, const FeatureOptions& options) 
         feature.response = c.response;
         feature.level = static_cast<int>(k);
         set.features.push_back(feature);
-        describe(level, c, angles[i], set.descriptions.emplace_back());
+        describe(level, c, angles[i], set.descriptors.emplace_back());
       }
     }
   }

@@ -59,7 +59,7 @@ struct Feature {
   int level = 0;
 };
 
-struct Description {
+struct Descriptor {
   Sketch sketch{};
   std::array<std::uint8_t, kDescriptorSize> values{};  // norm about 256
 };
@@ -77,7 +77,7 @@ struct FeatureOptions {
 
 struct FeatureSet {
   std::vector<Feature> features;
-  std::vector<Description> descriptions;  // of each feature
+  std::vector<Descriptor> descriptors;  // of each feature
 };
 
 // Keypoints are spread over the image: the score of a point is lowered for each stronger point in

@@ -178,7 +178,7 @@ std::vector<Match> match_features(const FeatureSet& frame, const Target& target,
                                   const MatchOptions& options) {
   options.check();
   std::vector<Match> matches;
-  const std::size_t n = target.descriptions.size();
+  const std::size_t n = target.descriptors.size();
   if (n < 2) return matches;
   const Kernels& kernel = kernels();
   std::vector<std::uint16_t> bits(n);
@@ -187,7 +187,7 @@ std::vector<Match> match_features(const FeatureSet& frame, const Target& target,
       options.min_separation *
       std::hypot(static_cast<float>(target.gray.cols), static_cast<float>(target.gray.rows));
   for (std::size_t i = 0; i < frame.features.size(); ++i) {
-    const Description& d = frame.descriptions[i];
+    const Descriptor& d = frame.descriptors[i];
     near.resize(n);
     const int count =
         kernel.search(d.sketch, target.sketches.data(), static_cast<int>(n), options.max_bits,
@@ -199,7 +199,7 @@ std::vector<Match> match_features(const FeatureSet& frame, const Target& target,
     std::array<int, 160> distances{};
     for (std::size_t k = 0; k < near.size(); ++k) {
       distances[k] = kernel.distance(
-          d.values.data(), target.descriptions[static_cast<std::size_t>(near[k])].values.data());
+          d.values.data(), target.descriptors[static_cast<std::size_t>(near[k])].values.data());
       if (distances[k] < nearest) {
         nearest = distances[k];
         best = near[k];

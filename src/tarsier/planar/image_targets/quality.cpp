@@ -39,14 +39,14 @@ std::vector<bool> find_repeated(const Target& target) {
   const double min_separation = 0.06 * std::hypot(target.gray.cols, target.gray.rows);
   for (std::size_t i = 0; i < n; ++i) {
     const int count =
-        kernel.search(target.descriptions[i].sketch, target.sketches.data(), static_cast<int>(n),
-                      44, static_cast<int>(n), index.data(), bits.data());
+        kernel.search(target.descriptors[i].sketch, target.sketches.data(), static_cast<int>(n), 44,
+                      static_cast<int>(n), index.data(), bits.data());
     for (int k = 0; k < count && !repeated[i]; ++k) {
       const auto j = static_cast<std::size_t>(index[static_cast<std::size_t>(k)]);
       const cv::Point2f d = target.features[j].at - target.features[i].at;
       repeated[i] = d.dot(d) > min_separation * min_separation &&
-                    kernel.distance(target.descriptions[i].values.data(),
-                                    target.descriptions[j].values.data()) < kMaxSimilarDistance;
+                    kernel.distance(target.descriptors[i].values.data(),
+                                    target.descriptors[j].values.data()) < kMaxSimilarDistance;
     }
   }
   return repeated;

@@ -87,16 +87,16 @@ cv::Point2d Target::on_plane(const cv::Point2d& image) const {
           (0.5 - (image.y + 0.5) / gray.rows) * height};
 }
 
-void complete(Target& target) {
+void compute_derived_members(Target& target) {
   require_gray(target.gray);
   target.pyramid = make_pyramid(target.gray, true, kMinSide);
   target.anchors.clear();
   for (const Level& level : target.pyramid.levels) target.anchors.push_back(find_anchors(level));
-  target.sketches.assign((target.descriptions.size() + 15) / 16, SketchBlock{});
+  target.sketches.assign((target.descriptors.size() + 15) / 16, SketchBlock{});
   for (std::size_t i = 0; i < target.sketches.size() * 16; ++i) {
-    const std::size_t from = i < target.descriptions.size() ? i : i / 16 * 16;
+    const std::size_t from = i < target.descriptors.size() ? i : i / 16 * 16;
     for (std::size_t w = 0; w < kSketchWords; ++w)
-      target.sketches[i / 16].words[w][i % 16] = target.descriptions[from].sketch[w];
+      target.sketches[i / 16].words[w][i % 16] = target.descriptors[from].sketch[w];
   }
 }
 

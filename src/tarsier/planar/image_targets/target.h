@@ -36,10 +36,10 @@ struct Target {
   cv::Size original_size;  // px, of the original image given for training
   cv::Mat gray;            // CV_8UC1; "px of the image" means pixels of this one
   std::vector<TrainedFeature> features;
-  std::vector<Description> descriptions;  // of each feature
+  std::vector<Descriptor> descriptors;  // of each feature
   Quality quality;
 
-  // Derived from `gray` and `descriptions` (see complete()).
+  // Derived from `gray` and `descriptors` (see compute_derived_members()).
   Pyramid pyramid;  // with half steps
   // For each level: corners for alignment, px of the image. The first n of them are spread evenly.
   std::vector<std::vector<cv::Point2f>> anchors;
@@ -54,7 +54,7 @@ struct Target {
   [[nodiscard]] cv::Point2d on_plane(const cv::Point2d& image) const;
 };
 
-// Computes the members derived from `gray` and `descriptions`.
-void complete(Target& target);
+// Computes the members derived from `gray` and `descriptors`.
+void compute_derived_members(Target& target);
 
 }  // namespace tarsier::planar::image_targets

@@ -83,12 +83,12 @@ void read_features(const json& value, const std::string& path, Target& target) {
     if (f.correct_matches < 0 || f.correct_matches > 1'000'000)
       throw ModelError(path, fmt::format("feature {} was right {} times", i, f.correct_matches));
     target.features.push_back(f);
-    Description d;
+    Descriptor d;
     std::copy_n(values.values.begin() + static_cast<std::ptrdiff_t>(i * kDescriptorSize),
                 kDescriptorSize, d.values.begin());
     for (std::size_t w = 0; w < kSketchWords; ++w)
       d.sketch[w] = take_word(bits.values.data() + i * kSketchBytes + 8 * w);
-    target.descriptions.push_back(d);
+    target.descriptors.push_back(d);
   }
 }
 
@@ -96,8 +96,8 @@ void read_features(const json& value, const std::string& path, Target& target) {
 
 void write_target(const std::string& path, const Target& target, const json& provenance) {
   require_gray(target.gray);
-  TARSIER_REQUIRE(target.features.size() == target.descriptions.size(), "{} features, {} described",
-                  target.features.size(), target.descriptions.size());
+  TARSIER_REQUIRE(target.features.size() == target.descriptors.size(), "{} features, {} described",
+                  target.features.size(), target.descriptors.size());
   const auto n = static_cast<std::int64_t>(target.features.size());
   PackedArray<std::uint8_t> image{{target.gray.rows, target.gray.cols}, {}};
   for (int r = 0; r < target.gray.rows; ++r)
@@ -113,7 +113,7 @@ void write_target(const std::string& path, const Target& target, const json& pro
     points.values.insert(points.values.end(), {f.at.x, f.at.y});
     frames.values.insert(frames.values.end(), f.frame.val, f.frame.val + 4);
     right.values.push_back(f.correct_matches);
-    const Description& d = target.descriptions[i];
+    const Descriptor& d = target.descriptors[i];
     values.values.insert(values.values.end(), d.values.begin(), d.values.end());
     for (const std::uint64_t word : d.sketch) put_word(word, bits.values);
   }
@@ -168,7 +168,7 @@ Target read_target(const std::string& path) {
     throw ModelError(path, "'width' and 'height' do not fit the image's shape");
   read_features(value, path, target);
   target.quality = read_quality(member(value, "quality", path), path);
-  complete(target);
+  compute_derived_members(target);
   return target;
 }
 

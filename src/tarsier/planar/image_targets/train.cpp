@@ -75,7 +75,7 @@ void add_view(Target& target, double tilt, double azimuth, int max_features) {
     }
     target.features.push_back(
         {{static_cast<float>(p[0]), static_cast<float>(p[1])}, cv::Matx22f(frame), 0});
-    target.descriptions.push_back(set.descriptions[i]);
+    target.descriptors.push_back(set.descriptors[i]);
   }
 }
 
@@ -120,11 +120,11 @@ Target train_target(const cv::Mat& image, const std::string& name, const TrainOp
     for (int k = 0; k < 6; ++k)
       add_view(target, 2.1, k * std::numbers::pi / 6, options.tilted_features * 3 / 4);
   }
-  complete(target);
+  compute_derived_members(target);
   if (options.trials > 0) {
     const TrialResult result = run_trials(target, options.trials, options.seed, stop);
     keep_best_features(target, result, static_cast<std::size_t>(options.max_features));
-    complete(target);
+    compute_derived_members(target);
   }
   // Uses other views than those that selected the features.
   target.quality = rate_target(target, options.trials, options.seed + 1, stop);

@@ -134,13 +134,13 @@ void keep_best_features(Target& target, const TrialResult& result, std::size_t m
   order.resize(max_features);
   std::sort(order.begin(), order.end());
   std::vector<TrainedFeature> features;
-  std::vector<Description> descriptions;
+  std::vector<Descriptor> descriptors;
   for (const std::size_t i : order) {
     features.push_back(target.features[i]);
-    descriptions.push_back(target.descriptions[i]);
+    descriptors.push_back(target.descriptors[i]);
   }
   target.features = std::move(features);
-  target.descriptions = std::move(descriptions);
+  target.descriptors = std::move(descriptors);
 }
 
 }  // namespace tarsier::planar::image_targets
