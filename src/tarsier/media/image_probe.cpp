@@ -158,12 +158,13 @@ std::uint32_t crc_of(Bytes bytes) {
   return ~c;
 }
 
-// Checks all chunks and copies to `kept` those that the pixels (and their orientation) need. The
+// Checks all chunks and copies to `needed_chunks` those that the pixels (and their orientation) need. The
 // other chunks (text, colour profiles) can hold decompression bombs and cause warnings of the
 // decoder. Returns what is wrong.
-std::string check_png(Bytes bytes, std::vector<std::uint8_t>& kept) {
-  kept.reserve(bytes.size());
-  kept.assign(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(kPngMagic.size()));
+std::string check_png(Bytes bytes, std::vector<std::uint8_t>& needed_chunks) {
+  needed_chunks.reserve(bytes.size());
+  needed_chunks.assign(bytes.begin(),
+                       bytes.begin() + static_cast<std::ptrdiff_t>(kPngMagic.size()));
   std::size_t at = kPngMagic.size();
   bool has_data = false;
   while (true) {
@@ -183,7 +184,7 @@ std::string check_png(Bytes bytes, std::vector<std::uint8_t>& kept) {
     constexpr std::array<std::string_view, 6> kNeeded{"IHDR", "PLTE", "tRNS",
                                                       "IDAT", "IEND", "eXIf"};
     if (std::find(kNeeded.begin(), kNeeded.end(), type) != kNeeded.end()) {
-      kept.insert(kept.end(), chunk.begin(), chunk.end());
+      needed_chunks.insert(needed_chunks.end(), chunk.begin(), chunk.end());
     }
     has_data = has_data || type == "IDAT";
     at += chunk.size();
@@ -465,7 +466,7 @@ std::string describe_not_an_image(Bytes bytes) {
 }
 
 std::string find_image_damage(Bytes bytes, const ImageHeader& header,
-                              std::vector<std::uint8_t>& kept) {
+                              std::vector<std::uint8_t>& needed_chunks) {
   const auto width = static_cast<std::uint64_t>(header.width);
   const auto height = static_cast<std::uint64_t>(header.height);
   // OpenCV tries its other decoders for data that libwebp or its PNM reader refuse, and its DICOM
@@ -489,7 +490,7 @@ std::string find_image_damage(Bytes bytes, const ImageHeader& header,
       return {};
     }
     case ImageFormat::kPng:
-      return check_png(bytes, kept);
+      return check_png(bytes, needed_chunks);
     case ImageFormat::kWebp: {
       const std::uint64_t size = *Cursor(bytes, 4).little_endian(4);
       return bytes.size() < size + 8 ? "truncated WebP" : "";

@@ -187,8 +187,8 @@ std::string viewer_image_error(std::span<const std::uint8_t> bytes) {
   const ImageLimits limits;
   if (std::int64_t{header->width} * header->height > limits.max_pixels)
     return fmt::format("{}x{} pixels are too many", header->width, header->height);
-  std::vector<std::uint8_t> kept;
-  return find_image_damage(bytes, *header, kept);
+  std::vector<std::uint8_t> needed_chunks;
+  return find_image_damage(bytes, *header, needed_chunks);
 }
 
 std::unique_ptr<LiveBackend> make_viewer_backend(int fd, const std::string& label) {
