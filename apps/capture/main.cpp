@@ -250,10 +250,11 @@ Opening opening_of(const std::string& url, const tarsier::StreamSecurity& securi
   const std::vector<int> options = {cv::CAP_PROP_OPEN_TIMEOUT_MSEC, 8000,
                                     cv::CAP_PROP_READ_TIMEOUT_MSEC, 30000};
   if (!capture.open(opening.url, cv::CAP_FFMPEG, options)) {
-    const std::string trouble = opening.tunnel != nullptr ? opening.tunnel->error() : "";
-    fail(trouble.empty()
+    const std::string error_message =
+        opening.tunnel != nullptr ? opening.tunnel->error_message() : "";
+    fail(error_message.empty()
              ? "cannot be opened as a video stream (address, name and password, network?)"
-             : trouble);
+             : error_message);
   }
   tell_what_was_opened(capture);
   pass_frames_on(capture, "the stream ended");

@@ -269,17 +269,17 @@ bool all_finite(const std::vector<T>& values) {
 // The number of values; nullopt if a size is negative or the array is larger than any readable
 // file. Each size must fit an int, also in an array that has a size of 0.
 std::optional<std::uint64_t> product_of(std::span<const std::int64_t> shape) {
-  constexpr std::uint64_t kMaxSize = std::numeric_limits<std::int32_t>::max();
+  constexpr std::uint64_t kMaxCount = std::numeric_limits<std::int32_t>::max();
   std::uint64_t product = 1;
   bool is_empty = false;
   for (const std::int64_t size : shape) {
-    if (size < 0 || static_cast<std::uint64_t>(size) > kMaxSize) return std::nullopt;
+    if (size < 0 || static_cast<std::uint64_t>(size) > kMaxCount) return std::nullopt;
     if (size == 0) {
       is_empty = true;
       continue;
     }
     product *= static_cast<std::uint64_t>(size);  // of two numbers below 2^31
-    if (product > kMaxSize) return std::nullopt;
+    if (product > kMaxCount) return std::nullopt;
   }
   return is_empty ? 0 : product;
 }
@@ -318,8 +318,8 @@ Archive read_any_archive(const std::string& path, const ArchiveLimits& limits) {
     const std::string what = error.what();
     throw ModelError(path, what.substr(std::min(what.size(), path.size() + 2)));
   }
-  auto [root, error_text] = parse(text, limits);
-  if (!error_text.empty()) throw ModelError(path, error_text);
+  auto [root, error] = parse(text, limits);
+  if (!error.empty()) throw ModelError(path, error);
   if (!root.is_object() || !root.contains("type") || !root.contains("version") ||
       !root.contains("payload")) {
     throw ModelError(path, "not a Tarsier model file: type, version and payload are expected");
@@ -351,8 +351,8 @@ Archive read_archive(const std::string& path, std::string_view type, int newest_
 }
 
 json parse_json(std::string_view text, const std::string& name, const ArchiveLimits& limits) {
-  auto [root, error_text] = parse(text, limits);
-  if (!error_text.empty()) throw InputError(name, error_text);
+  auto [root, error] = parse(text, limits);
+  if (!error.empty()) throw InputError(name, error);
   return std::move(root);
 }
 

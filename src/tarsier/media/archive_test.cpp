@@ -51,7 +51,7 @@ Archive sample() {
   return archive;
 }
 
-TEST_F(ArchiveTest, RoundTripIsExactAndDeterministic) {
+TEST_F(ArchiveTest, RoundTripsExactlyAndDeterministically) {
   write_archive(path(), sample());
   const std::string first = read_file(path(), 100'000);
   const Archive archive = read_archive(path(), "test", 2);
@@ -64,7 +64,7 @@ TEST_F(ArchiveTest, RoundTripIsExactAndDeterministic) {
   EXPECT_EQ(first.rfind("{\n\"type\": \"test\"", 0), 0U);
 }
 
-TEST_F(ArchiveTest, RejectsValuesThatJsonCannotHold) {
+TEST_F(ArchiveTest, RefusesValuesThatJsonCannotHold) {
   Archive archive = sample();
   archive.payload["list"][1] = std::numeric_limits<double>::quiet_NaN();
   try {
@@ -138,7 +138,7 @@ TEST_F(ArchiveTest, IgnoresBracketsInStrings) {
   EXPECT_EQ(value["a"].get<std::string>().size(), 1001U);
 }
 
-TEST_F(ArchiveTest, RestoresLongStrings) {
+TEST_F(ArchiveTest, LongTextsRoundTripInPlace) {
   const std::string data(3000, 'A');
   const std::string other(257, '/');
   const json value = {{"names", {{data, 1}, {"b", data}}},
@@ -157,7 +157,7 @@ TEST_F(ArchiveTest, RestoresLongStrings) {
   EXPECT_EQ(parse_json(R"({"a": ")" + data + R"(", "a": ")" + other + R"("})", "x")["a"], other);
 }
 
-TEST_F(ArchiveTest, ReportsErrorPositionAfterLongStrings) {
+TEST_F(ArchiveTest, ErrorsAfterLongTextsHaveTheRightPosition) {
   const std::string data(3000, 'A');
   const std::string start = "{\"type\": \"test\", \"data\": \"" + data + "\"";
   EXPECT_THAT(refusal(start), HasSubstr("ends too early"));
@@ -194,7 +194,7 @@ TEST_F(ArchiveTest, RandomDamageThrowsOnlyModelError) {
   }
 }
 
-TEST(Pack, RoundTripIsBitExact) {
+TEST(Pack, ArraysRoundTripBitForBit) {
   for (std::size_t count = 0; count < 8; ++count) {
     PackedArray<double> array{{static_cast<std::int64_t>(count), 1}, {}};
     for (std::size_t i = 0; i < count; ++i)
@@ -242,7 +242,7 @@ TEST(Pack, HalfPrecisionKeepsElevenBits) {
   EXPECT_THROW((void)unpack<double>(pack_half({{1}, {1}}), "m", "a", {1}), ModelError);
 }
 
-TEST(Pack, RejectsMalformedArrays) {
+TEST(Pack, InvalidArraysAreRefused) {
   const auto reason = [](const json& value) -> std::string {
     try {
       (void)unpack<double>(value, "m.json", "mean", {2, -1});
@@ -280,7 +280,7 @@ TEST(Pack, RejectsMalformedArrays) {
                std::invalid_argument);
 }
 
-TEST(Pack, RejectsOverflowingSizes) {
+TEST(Pack, SizesWhoseProductOverflowsAreRefused) {
   // The product of these is 2^64, which is 0 in 64 bits; and 0.
   for (const auto& shape : {json{1LL << 32, 1LL << 32}, json{1LL << 40, 0}, json{0, 1LL << 31}}) {
     const json value = {{"dtype", "f8"}, {"shape", shape}, {"data", ""}};

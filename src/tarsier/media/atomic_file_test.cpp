@@ -39,7 +39,7 @@ TEST_F(AtomicFileTest, WritesAndReplaces) {
 
 // The next writer in the folder removes the temporary file of a killed program. It keeps the file
 // of a running program, and files with similar names.
-TEST_F(AtomicFileTest, RemovesAbandonedTemporaryFiles) {
+TEST_F(AtomicFileTest, RemovesLeftoversOfAKilledProgram) {
   std::ofstream(path(".a.tarsier-00ab12.png")) << "half";
   std::ofstream(path(".a.b.tarsier-ffffff")) << "half";
   std::ofstream(path(".busy.tarsier-00ab12.mp4")) << "half";
@@ -89,7 +89,7 @@ TEST_F(AtomicFileTest, LocksTemporaryFile) {
   ::close(other);
 }
 
-TEST_F(AtomicFileTest, FolderAppearsOnlyOnCommit) {
+TEST_F(AtomicFileTest, AFolderAppearsCompletelyOrNotAtAll) {
   {
     const AtomicFolder folder(path("deep/all"));
     write_file_atomically(folder.path() + "/a", std::string_view("1"));
@@ -129,7 +129,7 @@ TEST_F(AtomicFileTest, NewFilesFollowTheUmaskAndOldOnesKeepTheirMode) {
   EXPECT_EQ(fs::status(path("new")).permissions(), fs::perms{0600});
 }
 
-TEST_F(AtomicFileTest, WithoutCommitNothingIsLeft) {
+TEST_F(AtomicFileTest, WithoutCommitLeavesNoFile) {
   write_file_atomically(path("a.mp4"), std::string_view("old"));
   {
     const AtomicFile file(path("a.mp4"));
@@ -185,7 +185,7 @@ TEST_F(AtomicFileTest, KeepsSymbolicLinks) {
   EXPECT_EQ(contents(path("real")), "new");
 }
 
-TEST_F(AtomicFileTest, ReportsWhyTargetIsNotWritable) {
+TEST_F(AtomicFileTest, ErrorsNameWhyATargetCannotBeWritten) {
   const auto reason = [](const std::string& target) -> std::string {
     try {
       write_file_atomically(target, std::string_view("x"));

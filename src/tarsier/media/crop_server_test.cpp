@@ -55,7 +55,7 @@ class CropServerTest : public FolderTest {
   CropServerOptions options_;
 };
 
-TEST_F(CropServerTest, ServesImageByHash) {
+TEST_F(CropServerTest, ServesAnImageByItsHash) {
   CropServer server(options_);
   const std::string hash = server.add(image(90));
   EXPECT_EQ(server.add(image(90)), hash);
@@ -67,7 +67,7 @@ TEST_F(CropServerTest, ServesImageByHash) {
   EXPECT_EQ(sum.hex(), hash);
 }
 
-TEST_F(CropServerTest, RejectsOtherRequests) {
+TEST_F(CropServerTest, ServesNothingElse) {
   CropServer server(options_);
   const std::string url = server.url_of(server.add(image(90)));
   const std::string base = url.substr(0, url.find("/crop/"));
@@ -79,7 +79,7 @@ TEST_F(CropServerTest, RejectsOtherRequests) {
   EXPECT_THAT(get(url, "Origin: http://evil.example\r\n"), StartsWith("HTTP/1.1 403"));
 }
 
-TEST_F(CropServerTest, RequiresToken) {
+TEST_F(CropServerTest, RequiresTheToken) {
   options_.access.token = "0123456789abcdef";
   CropServer server(options_);
   const std::string url = server.url_of(server.add(image(90)));
@@ -94,7 +94,7 @@ TEST_F(CropServerTest, RemoteAccessRequiresToken) {
   EXPECT_THROW(CropServer{options_}, UsageError);
 }
 
-TEST_F(CropServerTest, EnforcesMaxCropsAfterRestart) {
+TEST_F(CropServerTest, KeepsALimitedNumberOverARestart) {
   options_.max_crops = 2;
   {
     CropServer server(options_);

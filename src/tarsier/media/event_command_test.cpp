@@ -53,7 +53,7 @@ TEST_F(EventCommandTest, RunsOncePerEventInOrder) {
   EXPECT_EQ(command.counts().dropped, 0);
 }
 
-TEST_F(EventCommandTest, DoesNotInterpretEventAsCommand) {
+TEST_F(EventCommandTest, EventsAreNotPartOfTheCommandLine) {
   EventCommand command("cat >>'" + path("events") + "'", {});
   command.post("$(touch '" + path("broken") + "') `id` ; '\"");
   command.finish();
@@ -61,7 +61,7 @@ TEST_F(EventCommandTest, DoesNotInterpretEventAsCommand) {
   EXPECT_EQ(files(), 1U);
 }
 
-TEST_F(EventCommandTest, HangingCommandDropsOldestEvents) {
+TEST_F(EventCommandTest, AHangingCommandDropsTheOldestEvents) {
   const std::string started = pipe("started");
   const std::string gate = pipe("gate");
   EventCommandOptions options;
@@ -93,7 +93,7 @@ TEST_F(EventCommandTest, CommandMayIgnoreItsInput) {
   EXPECT_EQ(command.counts().ended, 2);
 }
 
-TEST_F(EventCommandTest, PassesLargeEventsCompletely) {
+TEST_F(EventCommandTest, LargeEventsArriveCompletely) {
   EventCommand command("cat >'" + path("event") + "'", {});
   const std::string large(1'000'000, 'x');
   command.post(large);
@@ -116,7 +116,7 @@ TEST_F(EventCommandTest, TimeoutKillsDescendants) {
   EXPECT_EQ(command.counts().killed, 1);
 }
 
-TEST_F(EventCommandTest, FinishHasTimeLimit) {
+TEST_F(EventCommandTest, TheTimeToFinishIsBounded) {
   const std::string started = pipe("started");
   EventCommandOptions options;
   options.timeout_s = 3600;
@@ -147,7 +147,7 @@ TEST_F(EventCommandTest, InterruptionEndsFinish) {
   EXPECT_EQ(command.counts().killed, 1);
 }
 
-TEST_F(EventCommandTest, ChildrenInheritNoDescriptors) {
+TEST_F(EventCommandTest, CommandsInheritNoDescriptors) {
   const int file = ::open(path("secret").c_str(), O_RDWR | O_CREAT, 0600);  // stays open over exec
   EventCommand command("ls -l /proc/self/fd >'" + path("files") + "'", {});
   command.post("");

@@ -38,8 +38,8 @@ void require_writable_image(const cv::Mat& image) {
       "{}x{}, type {}: sinks take 8-bit grey or BGR", image.cols, image.rows, image.type());
 }
 
-bool is_video_extension(const std::string& extension) {
-  return extension == ".mp4" || extension == ".avi" || extension == ".mkv";
+bool is_video_extension(const std::string& ending) {
+  return ending == ".mp4" || ending == ".avi" || ending == ".mkv";
 }
 
 class NoSink final : public FrameSink {
@@ -71,9 +71,9 @@ class ImageSink final : public FrameSink {
           path_ + ": is one image, and a second has come: name a folder instead (ending in '/')");
     }
     // A device or pipe has no extension that could name a format.
-    const std::string extension = is_image_path(path_) ? lower_ending(path_) : ".png";
+    const std::string ending = is_image_path(path_) ? lower_ending(path_) : ".png";
     const std::vector<std::uint8_t> bytes =
-        encode_image(extension, image, path_, options_.jpeg_quality);
+        encode_image(ending, image, path_, options_.jpeg_quality);
     write_file_atomically(path_, std::span<const std::uint8_t>(bytes));
     written_ = true;
     return path_;
@@ -118,19 +118,19 @@ class FolderSink final : public FrameSink {
   // The source's base name; a number is added if two sources have the same name.
   std::string unused_name(const Frame& source) {
     std::string stem;
-    std::string extension = options_.folder_extension;
+    std::string ending = options_.folder_extension;
     if (source.still) {
       const fs::path path(source.name);
       stem = path.stem().string().substr(0, 180);  // names end at 255 bytes
-      if (extension.empty() && is_image_path(source.name)) extension = path.extension().string();
+      if (ending.empty() && is_image_path(source.name)) ending = path.extension().string();
     } else {
       stem = fmt::format("frame_{:06d}", source.index);
     }
     if (stem.empty()) stem = "image";
-    if (extension.empty()) extension = ".png";
-    std::string name = stem + extension;
+    if (ending.empty()) ending = ".png";
+    std::string name = stem + ending;
     for (int number = 2; !used_.insert(name).second; ++number)
-      name = fmt::format("{}-{}{}", stem, number, extension);
+      name = fmt::format("{}-{}{}", stem, number, ending);
     return name;
   }
 
@@ -188,7 +188,7 @@ int first_unused_segment(const std::string& path) {
 class VideoSink final : public FrameSink {
  public:
   VideoSink(std::string path, const SinkOptions& options)
-      : path_(std::move(path)), extension_(lower_ending(path_)), options_(options) {
+      : path_(std::move(path)), ending_(lower_ending(path_)), options_(options) {
     if (options_.segment_s > 0) {
       segment_ = first_unused_segment(path_);
       segment_frames_ = std::max<std::int64_t>(1, std::llround(options_.segment_s * options_.fps));
@@ -270,7 +270,7 @@ class VideoSink final : public FrameSink {
       coded_ = {(size.width + 1) / 2 * 2, (size.height + 1) / 2 * 2};
     }
     VideoEncoderOptions options;
-    options.extension = extension_;
+    options.extension = ending_;
     options.fps = options_.fps;
     options.crash_safe = options_.recording;
     encoder_ = std::make_unique<VideoEncoder>(part_ ? part_->path() : file_->path(), target_,
@@ -288,7 +288,7 @@ class VideoSink final : public FrameSink {
   }
 
   std::string path_;  // as given
-  std::string extension_;
+  std::string ending_;
   SinkOptions options_;
   std::string target_;              // of the current file
   std::optional<AtomicFile> file_;  // for a video that can be made again
@@ -325,16 +325,16 @@ SinkKind classify_sink(const std::string& text) {
   std::error_code error;
   const fs::file_status status = fs::status(text, error);
   if (fs::is_directory(status)) return SinkKind::kFolder;
-  const std::string extension = lower_ending(text);
+  const std::string ending = lower_ending(text);
   if (is_image_path(text)) return SinkKind::kImage;
-  if (is_video_extension(extension)) return SinkKind::kVideo;
+  if (is_video_extension(ending)) return SinkKind::kVideo;
   if (fs::exists(status) && !fs::is_regular_file(status))
     return SinkKind::kImage;  // a device or pipe
-  if (extension.empty()) return SinkKind::kFolder;
+  if (ending.empty()) return SinkKind::kFolder;
   throw UsageError(fmt::format(
       "{}: unknown file ending '{}': .png, .jpg, .webp, .bmp, .mp4, .avi and .mkv are written; "
       "a folder ends in '/'",
-      text, extension));
+      text, ending));
 }
 
 std::unique_ptr<FrameSink> open_sink(const std::string& text, const SinkOptions& options) {

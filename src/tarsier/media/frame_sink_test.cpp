@@ -68,7 +68,7 @@ TEST_F(FrameSinkTest, TextsAreClassified) {
     EXPECT_THROW((void)classify_sink(bad), UsageError) << bad;
 }
 
-TEST_F(FrameSinkTest, NoneAcceptsEverything) {
+TEST_F(FrameSinkTest, NoneDiscardsEverything) {
   const auto sink = open_sink("none");
   EXPECT_EQ(sink->write(filled(4, 4, 1), moment(0)), "");
   sink->finish();
@@ -86,7 +86,7 @@ TEST_F(FrameSinkTest, OneImageGoesToAFile) {
   EXPECT_THROW((void)open_sink(path("b.png"), many), UsageError);
 }
 
-TEST_F(FrameSinkTest, RejectsUnwritableTargetOnOpen) {
+TEST_F(FrameSinkTest, UnwritableTargetsAreDetectedAtTheStart) {
   EXPECT_THROW((void)open_sink(path("none/a.png")), OutputError);
   EXPECT_THROW((void)open_sink(path("none/a.mp4")), OutputError);
   std::ofstream(path("file")) << "x";
@@ -114,7 +114,7 @@ TEST_F(FrameSinkTest, FolderKeepsNamesAndExtensions) {
   EXPECT_NEAR(read_image(path("new/out/cat-2.jpg")).at<cv::Vec3b>(1, 1)[0], 2, 1);
 }
 
-TEST_F(FrameSinkTest, FolderUsesGivenExtension) {
+TEST_F(FrameSinkTest, FolderAcceptsAnExtension) {
   SinkOptions options;
   options.folder_extension = ".webp";
   const auto sink = open_sink(path("out/"), options);
@@ -134,7 +134,7 @@ TEST_F(FrameSinkTest, DoesNotOverwriteSources) {
 
 class VideoSinkTest : public FrameSinkTest, public testing::WithParamInterface<const char*> {};
 
-TEST_P(VideoSinkTest, RoundTripKeepsAllFrames) {
+TEST_P(VideoSinkTest, AllFramesRoundTrip) {
   const std::string file = path(std::string("v:1") + GetParam());
   SinkOptions options;
   options.fps = 12.5;
@@ -179,7 +179,7 @@ TEST_P(VideoSinkTest, FitsFramesOfAnotherSize) {
   EXPECT_GT(frame.at<cv::Vec3b>(24, 32)[1], 200);
 }
 
-TEST_P(VideoSinkTest, UnfinishedVideoIsRemoved) {
+TEST_P(VideoSinkTest, AnUnfinishedVideoLeavesNoFile) {
   const std::string file = path(std::string("v") + GetParam());
   std::ofstream(file) << "old";
   {
@@ -193,7 +193,7 @@ TEST_P(VideoSinkTest, UnfinishedVideoIsRemoved) {
   EXPECT_EQ(files(), 1U);
 }
 
-TEST_P(VideoSinkTest, FullDiskThrowsAndKeepsOldFile) {
+TEST_P(VideoSinkTest, AFullDiskIsReportedAndKeepsTheOldFile) {
   const std::string file = path(std::string("v") + GetParam());
   std::ofstream(file) << "old";
   struct ::rlimit before {};
@@ -310,7 +310,7 @@ TEST_P(RecordingTest, IsPlayableAfterKill) {
   EXPECT_GT(last, 400);
 }
 
-TEST_P(RecordingTest, IsRenamedAndCompleteAfterFinish) {
+TEST_P(RecordingTest, IsRenamedAtTheEndAndPlaysCompletely) {
   const std::string file = path(std::string("v") + GetParam());
   SinkOptions options;
   options.recording = true;
@@ -340,7 +340,7 @@ TEST_P(RecordingTest, IsKeptIfFinishFails) {
 INSTANTIATE_TEST_SUITE_P(Containers, RecordingTest, testing::Values(".mp4", ".avi", ".mkv"),
                          [](const auto& suite) { return std::string(suite.param + 1); });
 
-TEST_F(FrameSinkTest, SegmentsAreSeparateFilesWithContinuedNumbers) {
+TEST_F(FrameSinkTest, SegmentsAreSeparateFilesWithContinuousNumbers) {
   SinkOptions options;
   options.fps = 10;
   options.segment_s = 2;

@@ -78,11 +78,11 @@ bool has_device_path(const std::string& text) {
 }
 
 bool has_video_ending(const std::string& path) {
-  static constexpr std::array<std::string_view, 18> kExtensions = {
+  static constexpr std::array<std::string_view, 18> kEndings = {
       ".avi",   ".mp4", ".mkv",  ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpg",
       ".mjpeg", ".ts",  ".m2ts", ".wmv", ".flv",  ".ogv", ".3gp", ".y4m",  ".h264"};
-  const std::string extension = lower_ending(path);
-  return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
+  const std::string ending = lower_ending(path);
+  return std::find(kEndings.begin(), kEndings.end(), ending) != kEndings.end();
 }
 
 // The kind of a regular file, by its first bytes. Its name decides only if these are ambiguous, and

@@ -95,7 +95,7 @@ std::string open_error(const std::string& text) {
   });
 }
 
-TEST_F(FrameSourceTest, ClassifiesSources) {
+TEST_F(FrameSourceTest, KindsAreClassified) {
   const std::vector<Scheme> schemes = {{"synth", {}}};
   const auto kind = [&](const std::string& text) { return classify_source(text, schemes); };
   EXPECT_EQ(kind("0"), SourceKind::kCamera);
@@ -118,7 +118,7 @@ TEST_F(FrameSourceTest, ClassifiesSources) {
             SourceKind::kVideo);
 }
 
-TEST_F(FrameSourceTest, RejectsOtherTexts) {
+TEST_F(FrameSourceTest, OtherFilesAreRefused) {
   for (const std::string text :
        {"", "nowhere.jpg", "videotestsrc ! appsink", "ftp://h/x", "file:///etc/passwd", "udp://h:1",
         "synth:scene", "gst:videotestsrc", "picam:x", "http://", "@nowhere.txt", "/dev/null",
@@ -190,7 +190,7 @@ TEST_F(FrameSourceTest, ConcatenatesGlobsListsAndInputs) {
   EXPECT_LT(read.frames[2].time, read.frames[4].time);  // the second video comes after the first
 }
 
-TEST_F(FrameSourceTest, BatchKeepsNumbersAndReportsSkipped) {
+TEST_F(FrameSourceTest, ABatchKeepsItsNumbersAndReportsWhatItSkips) {
   image("1.jpg", 1);
   write("2.jpg", "this is no image");
   std::vector<std::int64_t> skipped;
@@ -213,7 +213,7 @@ TEST_F(FrameSourceTest, BatchKeepsNumbersAndReportsSkipped) {
   EXPECT_TRUE(make_batch_source({}, on_skip)->ended());
 }
 
-TEST_F(FrameSourceTest, SkipsAndReportsUnreadableImages) {
+TEST_F(FrameSourceTest, UnreadableImagesAmongSeveralAreSkippedAndReported) {
   image("1.jpg", 1);
   write("2.jpg", "this is no image");
   image("3.jpg", 3);
@@ -265,7 +265,7 @@ TEST_F(FrameSourceTest, AVideoHasTimesAndEnds) {
   EXPECT_FALSE(read.frames[0].still);
 }
 
-TEST_F(FrameSourceTest, RejectsOtherFilesBeforeFfmpeg) {
+TEST_F(FrameSourceTest, FilesThatAreNoVideosAreRefusedBeforeFfmpegOpensThem) {
   EXPECT_THAT(open_error(write("text.avi", "just some text")),
               HasSubstr("text.avi: is not a video"));
   EXPECT_THAT(open_error(write("list.mp4", "#EXTM3U\nfile:///etc/passwd\n")),
@@ -289,7 +289,7 @@ TEST_F(FrameSourceTest, StopTokenEndsReading) {
   EXPECT_FALSE(source->ended());
 }
 
-TEST(Cameras, ErrorNamesMissingCamera) {
+TEST(Cameras, ErrorsNameTheMissingDevice) {
   const SourceOptions options;
   EXPECT_EQ(error_of([&] { (void)open_source("99", options); }),
             "camera 99: no such device (/dev/video99); `tarsier doctor` lists cameras");
@@ -298,7 +298,7 @@ TEST(Cameras, ErrorNamesMissingCamera) {
   for (const CameraInfo& camera : list_cameras()) EXPECT_THAT(camera.path, HasSubstr("/dev/video"));
 }
 
-TEST(Cameras, PiCameraErrorSaysWhatToInstall) {
+TEST(Cameras, ErrorsOfThePiCameraNameWhatToInstall) {
   if (!find_program_on_path("rpicam-vid").empty() ||
       !find_program_on_path("libcamera-vid").empty()) {
     GTEST_SKIP() << "this is a Raspberry Pi";
@@ -309,7 +309,7 @@ TEST(Cameras, PiCameraErrorSaysWhatToInstall) {
   EXPECT_EQ(find_program_on_path("no-such-program"), "");
 }
 
-TEST(NaturalOrder, ComparesNumbersByValue) {
+TEST(NaturalOrder, ComparesNumbersByTheirValue) {
   EXPECT_TRUE(natural_less("img2", "img10"));
   EXPECT_FALSE(natural_less("img10", "img2"));
   EXPECT_TRUE(natural_less("a", "B"));

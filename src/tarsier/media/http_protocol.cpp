@@ -98,7 +98,7 @@ HttpUrl parse_url(std::string_view text, std::string_view scheme, std::uint16_t 
 
 void HttpResponseParser::fail(std::string reason) {
   state_ = State::kBroken;
-  error_ = std::move(reason);
+  error_message_ = std::move(reason);
 }
 
 void HttpResponseParser::feed(std::span<const std::uint8_t> bytes,

@@ -39,7 +39,9 @@ class HttpResponseParser {
   void feed(std::span<const std::uint8_t> bytes, std::vector<std::uint8_t>& body);
 
   [[nodiscard]] State state() const { return state_; }
-  [[nodiscard]] const std::string& error() const { return error_; }  // the reason of kBroken
+  [[nodiscard]] const std::string& error_message() const {
+    return error_message_;
+  }  // the reason of kBroken
   // Valid after the header:
   [[nodiscard]] int status() const { return status_; }
   [[nodiscard]] const std::string& status_text() const { return status_text_; }
@@ -56,7 +58,7 @@ class HttpResponseParser {
   void read_chunks(std::span<const std::uint8_t> bytes, std::vector<std::uint8_t>& body);
 
   State state_ = State::kHeader;
-  std::string error_;
+  std::string error_message_;
   std::string header_;
   int interim_ = 0;
   int status_ = 0;

@@ -388,7 +388,7 @@ TEST(HttpSink, AcceptsOnlyGetAndHeadOfKnownPaths) {
   wait_until([&] { return health(port)["viewers"] == 0; });
 }
 
-TEST(HttpSink, LimitsConnectionsPerAddress) {
+TEST(HttpSink, IdleConnectionsDoNotBlockOthers) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   std::vector<std::unique_ptr<Client>> idle;  // more than the max number of all viewers
@@ -407,7 +407,7 @@ TEST(HttpSink, LimitsConnectionsPerAddress) {
   }
 }
 
-TEST(HttpSink, SurvivesGarbageAndOversizedRequests) {
+TEST(HttpSink, HandlesInvalidAndOversizedRequests) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   for (const std::string& text :
@@ -423,7 +423,7 @@ TEST(HttpSink, SurvivesGarbageAndOversizedRequests) {
   EXPECT_EQ(ask(port, "/healthz").status, 200);
 }
 
-TEST(HttpSink, RequiresConfiguredToken) {
+TEST(HttpSink, RequiresTheTokenIfThereIsOne) {
   SinkOptions options;
   options.token = "0123456789abcdef-secret";
   const auto sink = open_local(options);
@@ -499,7 +499,7 @@ TEST(HttpSink, PortInUseIsAnOutputError) {
   }
 }
 
-TEST(HttpSink, RejectsViewersBeyondLimit) {
+TEST(HttpSink, ViewersBeyondTheLimitAreRefused) {
   SinkOptions options;
   options.max_viewers = 2;
   const auto sink = open_local(options);

@@ -325,7 +325,7 @@ LiveRead HttpBackend::read(milliseconds timeout, const std::stop_token& stop) {
     if (tls_ && !tls_->is_ready()) {
       const TlsStream::Step step = tls_->handshake();
       if (step == TlsStream::Step::kFailed) {
-        return end_with({.reason = tls_->error(), .permanent = tls_->is_permanent()});
+        return end_with({.reason = tls_->error_message(), .permanent = tls_->is_permanent()});
       }
       if (step == TlsStream::Step::kAgain) {
         if (!wait_for(socket_.get(), tls_->poll_events(), deadline, stop)) break;
@@ -346,7 +346,7 @@ LiveRead HttpBackend::read(milliseconds timeout, const std::stop_token& stop) {
     if (!receive(closed)) return end_with({.reason = "the connection broke"});
     if (response_.state() == State::kBroken) {
       return end_with(
-          {.reason = fmt::format("the server {}", response_.error()), .permanent = true});
+          {.reason = fmt::format("the server {}", response_.error_message()), .permanent = true});
     }
     if (response_.state() != State::kHeader && !header_checked_) {
       if (auto failure = check_header(stop)) return end_with(std::move(*failure));

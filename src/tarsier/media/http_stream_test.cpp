@@ -36,7 +36,7 @@ TEST(Url, IsParsed) {
   EXPECT_EQ(plain.host_header(), "camera.local");
 }
 
-TEST(Url, ErrorsHideThePassword) {
+TEST(Url, InvalidUrlsAreRefusedWithoutTheirPassword) {
   for (const char* text :
        {"http://", "http:///x", "http://h:0/", "http://h:99999/", "http://h:x/", "http://h/a b",
         "http://[::1/", "http://h/\r\nX: y", "ftp://h/", "http:/h"}) {
@@ -65,7 +65,7 @@ Parsed parse(const std::string& text, std::size_t piece) {
   return result;
 }
 
-TEST(HttpResponse, BodyIsIndependentOfCodingAndSplits) {
+TEST(HttpResponse, BodyIsDecodedForEveryCodingAndSplit) {
   using State = HttpResponseParser::State;
   for (const std::size_t piece :
        {std::size_t{1}, std::size_t{2}, std::size_t{7}, std::size_t{1000}}) {
@@ -90,7 +90,7 @@ TEST(HttpResponse, BodyIsIndependentOfCodingAndSplits) {
   }
 }
 
-TEST(HttpResponse, RejectsMalformedInputWithBoundedMemory) {
+TEST(HttpResponse, InvalidAnswersAreBrokenAndBounded) {
   using State = HttpResponseParser::State;
   EXPECT_EQ(parse("SSH-2.0-OpenSSH_9.2\r\n", 5).parser.state(), State::kBroken);
   EXPECT_EQ(parse("HTTP/1.1 abc\r\n\r\n", 5).parser.state(), State::kBroken);
@@ -131,7 +131,7 @@ TEST(HttpResponse, LimitsInterimResponses) {
     EXPECT_EQ(good.body, "abc") << piece;
     const Parsed bad = parse(many + real, piece);
     EXPECT_EQ(bad.parser.state(), State::kBroken) << piece;
-    EXPECT_EQ(bad.parser.error(), "sends interim answers without end");
+    EXPECT_EQ(bad.parser.error_message(), "sends interim answers without end");
     EXPECT_EQ(bad.body, "") << piece;
   }
 }
@@ -185,7 +185,7 @@ TEST(HttpStream, ReadsMultipartPlainAndChunked) {
   }
 }
 
-TEST(HttpStream, SendsPasswordOnlyToOriginalHost) {
+TEST(HttpStream, PasswordIsSentOnlyToItsHost) {
   HttpServer other;
   HttpServer server([&other](const std::string& request) {
     if (request.starts_with("GET /moved")) return HttpServer::mjpeg();
@@ -218,7 +218,7 @@ TEST(HttpStream, LimitsRedirects) {
   }
 }
 
-TEST(HttpStream, ReportsWhyServerIsNoCamera) {
+TEST(HttpStream, ErrorsNameWhyAServerIsNoCamera) {
   const auto reason = [](const std::string& answer) {
     HttpServer server([answer](const std::string&) {
       return HttpServer::Reply{answer, false, false};
@@ -237,7 +237,7 @@ TEST(HttpStream, ReportsWhyServerIsNoCamera) {
             "the server ended the stream");
 }
 
-TEST(HttpStream, RefusedConnectionIsPermanentFailure) {
+TEST(HttpStream, AMissingServerIsAPermanentFailure) {
   std::uint16_t port = 0;
   {
     const HttpServer gone;
@@ -249,7 +249,7 @@ TEST(HttpStream, RefusedConnectionIsPermanentFailure) {
   EXPECT_NE(outcome.failure.reason.find("connection refused"), std::string::npos);
 }
 
-TEST(HttpStream, PollsSnapshots) {
+TEST(HttpStream, SnapshotsArePolled) {
   std::atomic<int> number{1};
   HttpServer server([&number](const std::string&) {
     const std::string jpeg = testing::jpeg_of(number++);

@@ -97,7 +97,7 @@ TEST(ImageCodec, EncodingMatchesOpenCv) {
   }
 }
 
-TEST(ImageCodec, DeclinesOtherFormats) {
+TEST(ImageCodec, LeavesOtherFormatsToOpenCv) {
   const cv::Mat color = noisy(CV_8UC3);
   cv::Mat alpha;
   cv::cvtColor(color, alpha, cv::COLOR_BGR2BGRA);
@@ -129,7 +129,7 @@ TEST(ImageCodec, DeclinesRotatedImages) {
 }
 
 // Many cameras send JPEGs like this one. They must not be decoded twice.
-TEST(ImageCodec, AcceptsJpegWithTrailingBytes) {
+TEST(ImageCodec, AcceptsAJpegWithTrailingBytes) {
   Data bytes = by_opencv(".jpg", noisy(CV_8UC3));
   const cv::Mat plain = decoded(bytes, false);
   bytes.insert(bytes.end() - 2, 6, 0x55);
@@ -139,7 +139,7 @@ TEST(ImageCodec, AcceptsJpegWithTrailingBytes) {
   EXPECT_TRUE(same(image, cv::imdecode(bytes, cv::IMREAD_COLOR)));
 }
 
-TEST(ImageCodec, DeclinesDamagedPixels) {
+TEST(ImageCodec, BrokenPixelsAreRefused) {
   for (const char* extension : {".jpg", ".png"}) {
     const Data whole = by_opencv(extension, noisy(CV_8UC3));
     const auto header = probe_image(whole);

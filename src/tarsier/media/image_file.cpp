@@ -130,18 +130,18 @@ cv::Mat read_stored_gray_image(const std::string& path, const ImageLimits& limit
 }
 
 bool is_image_path(std::string_view path) {
-  constexpr std::array<std::string_view, 7> kExtensions{".png", ".jpg", ".jpeg", ".webp",
-                                                        ".bmp", ".ppm", ".pgm"};
-  return std::find(kExtensions.begin(), kExtensions.end(), lower_ending(path)) != kExtensions.end();
+  constexpr std::array<std::string_view, 7> kEndings{".png", ".jpg", ".jpeg", ".webp",
+                                                     ".bmp", ".ppm", ".pgm"};
+  return std::find(kEndings.begin(), kEndings.end(), lower_ending(path)) != kEndings.end();
 }
 
-std::vector<std::uint8_t> encode_image(std::string_view extension, const cv::Mat& image,
+std::vector<std::uint8_t> encode_image(std::string_view ending, const cv::Mat& image,
                                        const std::string& name, int jpeg_quality) {
   TARSIER_REQUIRE(!image.empty() && image.dims == 2, "{}x{} is no image to write to {}", image.cols,
                   image.rows, name);
   TARSIER_REQUIRE(jpeg_quality >= 1 && jpeg_quality <= 100, "JPEG quality {} outside 1..100",
                   jpeg_quality);
-  const std::string kind = lower_ending(fmt::format("x{}", extension));
+  const std::string kind = lower_ending(fmt::format("x{}", ending));
   if (!is_image_path("x" + kind)) {
     throw UsageError(
         name + ": unknown ending for an image: .png, .jpg, .webp, .bmp, .ppm and .pgm are written");

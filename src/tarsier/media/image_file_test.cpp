@@ -113,7 +113,7 @@ const std::vector<Format>& formats() {
   return kFormats;
 }
 
-TEST(ImageFile, RoundTripsEveryFormat) {
+TEST(ImageFile, EveryFormatRoundTrips) {
   for (const Format& f : formats()) {
     const Data bytes = encoded(f.extension, test_image(), f.parameters);
     const auto header = probe_image(bytes);
@@ -127,7 +127,7 @@ TEST(ImageFile, RoundTripsEveryFormat) {
   }
 }
 
-TEST(ImageFile, RejectsTruncatedFiles) {
+TEST(ImageFile, TruncatedFilesAreRefused) {
   for (const Format& f : formats()) {
     const Data whole = encoded(f.extension, test_image(), f.parameters);
     // A WebP file may have one byte of padding, and an ASCII image a last line break.
@@ -176,7 +176,7 @@ TEST(ImageFile, IgnoresBytesAfterJpegEnd) {
   EXPECT_EQ(refusal(bytes), "accepted");
 }
 
-TEST(ImageFile, DescribesStartOfOtherFiles) {
+TEST(ImageFile, ErrorsShowHowOtherFilesStart) {
   const std::string text = "hello, I am a text file";
   EXPECT_THAT(refusal(Data(text.begin(), text.end())),
               HasSubstr("not an image: starts with \"hello, I am "));
@@ -241,7 +241,7 @@ TEST(ImageFile, ReportsWrongPngChecksum) {
   EXPECT_THAT(refusal(bytes), HasSubstr("checksum"));
 }
 
-TEST(ImageFile, IgnoresPngTextAndProfiles) {
+TEST(ImageFile, TextAndProfilesInAPngAreIgnored) {
   Data bytes = encoded(".png", test_image());
   // A text chunk that is marked as compressed but is not: libpng would write to stderr.
   Data chunk{0, 0, 0, 5, 'z', 'T', 'X', 't', 'a', 0, 0, 9, 9, 0, 0, 0, 0};
@@ -315,7 +315,7 @@ TEST(ImageFile, ExifRotationIsApplied) {
   EXPECT_EQ(decode_image(bytes, "x").size(), cv::Size(48, 64));
 }
 
-TEST(ImageFile, ErrorsDistinguishFoldersAndMissingFiles) {
+TEST(ImageFile, ErrorsDistinguishFilesFoldersAndMissingOnes) {
   const TemporaryFolder folder;
   const auto reason = [](const std::string& path) -> std::string {
     try {
@@ -343,7 +343,7 @@ TEST(ImageFile, ErrorsDistinguishFoldersAndMissingFiles) {
   EXPECT_EQ(read_file("/dev/null", 100), "");
 }
 
-TEST(ImageFile, WritesByExtensionAndCleansUpOnFailure) {
+TEST(ImageFile, WritesByExtensionAndLeavesNoFileOnFailure) {
   const TemporaryFolder folder;
   for (const char* name : {"a.png", "b.JPG", "c.jpeg", "d.webp", "e.bmp", "f.ppm", "g.pgm"}) {
     EXPECT_TRUE(is_image_path(name));

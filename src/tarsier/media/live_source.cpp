@@ -141,11 +141,11 @@ std::optional<Frame> LiveSource::next(milliseconds timeout, const std::stop_toke
       return frame;
     }
     lock.unlock();
-    std::string decode_error;
+    std::string error_message;
     try {
       frame.image = decode_image(image.encoded, label_);
     } catch (const InputError& error) {
-      decode_error = error.what();
+      error_message = error.what();
     }
     lock.lock();
     decode_fails_ = frame.image.empty();
@@ -159,9 +159,9 @@ std::optional<Frame> LiveSource::next(milliseconds timeout, const std::stop_toke
     const Clock::time_point now = Clock::now();
     if (opens_once_ && (!warned_ || now - *warned_ >= kQuiet)) {
       warned_ = now;
-      log_warning("{}; it is skipped", decode_error);
+      log_warning("{}; it is skipped", error_message);
     } else {
-      log_debug("{}", decode_error);
+      log_debug("{}", error_message);
     }
   }
 }

@@ -181,7 +181,7 @@ TEST_F(LiveSourceTest, SingleClientServerRecoversFromLongFreeze) {
   EXPECT_EQ(server.connections(), 1);
 }
 
-TEST_F(LiveSourceTest, ReconnectsWhenServerReturnsDuringBackOff) {
+TEST_F(LiveSourceTest, ReconnectsToAReturningServerDespiteALongBackOff) {
   HttpServer server;
   LiveTiming timing = quick_timing();
   timing.backoff_s = 3600;  // only the probe can end this wait
@@ -217,7 +217,7 @@ TEST_F(LiveSourceTest, RecoversFromGarbage) {
   ASSERT_TRUE(reaches(*source, SourceState::kLive));
 }
 
-TEST_F(LiveSourceTest, ReopensAfterDisconnect) {
+TEST_F(LiveSourceTest, AClosedConnectionIsReopenedAtOnce) {
   HttpServer server;
   const int before = open_descriptors();
   {
@@ -242,7 +242,7 @@ TEST_F(LiveSourceTest, TheFrameSizeMayChange) {
   }
 }
 
-TEST_F(LiveSourceTest, NextThrowsWithoutServerUnlessWaiting) {
+TEST_F(LiveSourceTest, WithoutServerNextThrowsAtOnceUnlessWaitingIsRequested) {
   HttpServer server;
   server.stop();
   {
@@ -344,7 +344,7 @@ std::string text_record(CaptureRecord::Kind kind, const std::string& text) {
   return std::string(reinterpret_cast<const char*>(&record), sizeof record) + text;
 }
 
-TEST_F(LiveSourceTest, FrozenChildIsRestarted) {
+TEST_F(LiveSourceTest, AFrozenChildIsRestarted) {
   const std::string frames =
       write("frames", text_record(CaptureRecord::Kind::kInfo, "64x48 TEST 30 fps") +
                           record_of(cv::Mat(48, 64, CV_8UC3, cv::Scalar(8, 16, 24)), 3));
@@ -378,7 +378,7 @@ TEST_F(LiveSourceTest, ChildMaySendJpegs) {
   EXPECT_EQ(testing::number_of(next_frame(*source).image), 9);
 }
 
-TEST_F(LiveSourceTest, ForwardsErrorOfChild) {
+TEST_F(LiveSourceTest, ErrorsOfAChildAreReported) {
   const std::string error =
       write("error", text_record(CaptureRecord::Kind::kError, "cannot be opened, sorry"));
   const auto reason = [&](const std::string& script, ChildCommand::Format format) -> std::string {
@@ -403,7 +403,7 @@ TEST_F(LiveSourceTest, ForwardsErrorOfChild) {
   EXPECT_THROW((void)child_source(missing)->next(kTimeout, {}), InputError);
 }
 
-TEST_F(LiveSourceTest, VerboseChildNeitherBlocksNorGrows) {
+TEST_F(LiveSourceTest, LongOutputOfAChildOnStderrDoesNotBlock) {
   const std::string jpeg = write("jpeg", testing::jpeg_of(4));
   const auto source =
       child_source(shell("head -c 3000000 /dev/zero >&2; cat '" + jpeg + "'; sleep 1000",
@@ -441,7 +441,7 @@ TEST_F(LiveSourceTest, ChildrenInheritNoDescriptorsSignalsOrInput) {
       << descriptors;  // sh may keep its own
 }
 
-TEST(CaptureParserTest, RejectsInvalidRecords) {
+TEST(CaptureParserTest, RefusesInvalidRecords) {
   const std::string good = record_of(cv::Mat(3, 2, CV_8UC3, cv::Scalar(1, 2, 3)));
   const auto feed = [](const std::string& bytes, std::size_t piece) {
     CaptureParser parser;
@@ -502,7 +502,7 @@ TEST_F(LiveSourceTest, CaptureProgramReadsNetworkStream) {
   EXPECT_EQ(source->status().detail.substr(0, 5), "64x48");
 }
 
-TEST_F(LiveSourceTest, CaptureProgramReportsErrors) {
+TEST_F(LiveSourceTest, TheCaptureProgramReportsErrors) {
   SourceOptions options = quick_options();
   options.capture_program = capture_program();
   options.stall_s = 20;  // also covers the start of the program, which is slow in an emulator

@@ -46,7 +46,7 @@ std::vector<std::string> images_in(std::string_view stream, std::uint64_t seed, 
   return images;
 }
 
-TEST(MjpegParser, ImagesAreIndependentOfFramingAndSplits) {
+TEST(MjpegParser, FindsEachImageForEveryFramingAndSplit) {
   std::vector<std::string> sent;
   for (int i = 0; i < 4; ++i) sent.push_back(textured_jpeg(i));
   std::string bare;
@@ -206,7 +206,7 @@ TEST(MjpegParser, CostPerByteIsBoundedForAnyStream) {
   }
 }
 
-TEST(MjpegParser, SurvivesRandomBytes) {
+TEST(MjpegParser, HandlesArbitraryBytes) {
   Rng rng(3);
   const std::string jpeg = textured_jpeg(2);
   for (int round = 0; round < 300; ++round) {

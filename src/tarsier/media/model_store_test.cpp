@@ -64,7 +64,7 @@ TEST_F(Models, AreFoundByName) {
 }
 
 // Models that a user installed are used with the program's own folder, and only there.
-TEST_F(Models, UserFolderCompletesProgramFolder) {
+TEST_F(Models, ModelsOfTheUserAreFoundInTheDataFolder) {
   const std::optional<std::string> before =
       std::getenv("XDG_DATA_HOME") ? std::optional(std::string(std::getenv("XDG_DATA_HOME")))
                                    : std::nullopt;
@@ -88,7 +88,7 @@ TEST_F(Models, UserFolderCompletesProgramFolder) {
     ::unsetenv("XDG_DATA_HOME");
 }
 
-TEST_F(Models, ErrorNamesMissingModelAndRemedy) {
+TEST_F(Models, ErrorsNameTheMissingModelAndWhatToDo) {
   const ModelStore store(folder());
   const std::string error =
       failure_of<ModelError>([&] { static_cast<void>(store.path("other.json")); });
@@ -96,7 +96,7 @@ TEST_F(Models, ErrorNamesMissingModelAndRemedy) {
   EXPECT_THAT(error, HasSubstr("set TARSIER_MODELS"));
 }
 
-TEST_F(Models, StoreWithoutFolderIsEmpty) {
+TEST_F(Models, WithoutAFolderNoModelIsFound) {
   const ModelStore store;
   EXPECT_EQ(store.folder(), "");
   EXPECT_FALSE(store.has("head.json"));
@@ -105,7 +105,7 @@ TEST_F(Models, StoreWithoutFolderIsEmpty) {
               HasSubstr("head.json: no folder of models was found: set TARSIER_MODELS"));
 }
 
-TEST_F(Models, ArgumentPrecedesEnvironmentPrecedesShipped) {
+TEST_F(Models, TheNamedFolderPrecedesTheEnvironmentAndTheShippedOne) {
   ::setenv("TARSIER_MODELS", "/nowhere", 1);
   EXPECT_EQ(ModelStore::find(folder()).folder(), folder());
   EXPECT_THAT(failure_of<InputError>([] { static_cast<void>(ModelStore::find()); }),
@@ -118,7 +118,7 @@ TEST_F(Models, ArgumentPrecedesEnvironmentPrecedesShipped) {
               HasSubstr("/nowhere: no such folder of models"));
 }
 
-TEST_F(Models, OwnModelsReplaceShippedOnes) {
+TEST_F(Models, ModelsOfTheUserReplaceThoseThatShip) {
   const TemporaryFolder own;
   const std::string own_model = (fs::path(own.path()) / "head.json").string();
   ::setenv("TARSIER_MODELS", folder().c_str(), 1);

@@ -19,7 +19,7 @@ std::string sum_of(std::string_view text) {
 }
 
 // The examples of NIST's "Secure Hash Standard" (FIPS 180-4, CSRC examples).
-TEST(Sha256, MatchesPublishedTestVectors) {
+TEST(Sha256, AgreesWithPublishedTestVectors) {
   EXPECT_EQ(sum_of(""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
   EXPECT_EQ(sum_of("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
   EXPECT_EQ(sum_of("abcdbcdecdefdefgefghfghighijhijkijkljklmklmnlmnomnopnopq"),
@@ -28,7 +28,7 @@ TEST(Sha256, MatchesPublishedTestVectors) {
             "cdc76e5c9914fb9281a1c7e284d73e67f1809a48a497200e046d39ccc7112cd0");
 }
 
-TEST(Sha256, IsIndependentOfSplits) {
+TEST(Sha256, DoesNotDependOnTheChunks) {
   std::string text;
   for (int i = 0; i < 1000; ++i) text += static_cast<char>('a' + i % 26);
   const std::string whole = sum_of(text);

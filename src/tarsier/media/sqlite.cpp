@@ -90,13 +90,13 @@ std::string reason_of(sqlite3* handle, int code) {
 }  // namespace
 
 Database::Database(std::string path, const DatabaseKind& kind, DatabaseAccess access,
-                   int lock_timeout_ms)
+                   int timeout_ms)
     : path_(std::move(path)), writes_(access != DatabaseAccess::kRead) {
   TARSIER_REQUIRE((kind.application_id == 0) == kind.of_another_program && !kind.versions.empty(),
                   "kind {}", kind.name);
-  TARSIER_REQUIRE(lock_timeout_ms >= 0, "patience {} ms", lock_timeout_ms);
+  TARSIER_REQUIRE(timeout_ms >= 0, "patience {} ms", timeout_ms);
   try {
-    open(access, lock_timeout_ms);
+    open(access, timeout_ms);
     if (kind.of_another_program) {
       make_foreign(kind);
       return;
@@ -143,7 +143,7 @@ void Database::check(int code) const {
   if (code != SQLITE_OK) fail(code);
 }
 
-void Database::open(DatabaseAccess access, int lock_timeout_ms) {
+void Database::open(DatabaseAccess access, int timeout_ms) {
   struct stat found {};
   const bool exists = ::stat(path_.c_str(), &found) == 0;
   if (exists && !S_ISREG(found.st_mode)) refuse("is no regular file");
@@ -158,7 +158,7 @@ void Database::open(DatabaseAccess access, int lock_timeout_ms) {
   const int flags =
       (writes_ ? SQLITE_OPEN_READWRITE : SQLITE_OPEN_READONLY) | SQLITE_OPEN_EXRESCODE;
   check(sqlite3_open_v2(plain.c_str(), &handle_, flags, nullptr));
-  check(sqlite3_busy_timeout(handle_, lock_timeout_ms));
+  check(sqlite3_busy_timeout(handle_, timeout_ms));
   check(sqlite3_db_config(handle_, SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr));
   check(sqlite3_db_config(handle_, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr));
   check(sqlite3_db_config(handle_, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, nullptr));

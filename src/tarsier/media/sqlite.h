@@ -35,7 +35,7 @@ struct DatabaseKind {
   bool of_another_program = false;
 };
 
-// Another connection held the lock for longer than the patience; a retry may succeed.
+// Another connection held the lock for longer than the timeout; a retry may succeed.
 struct DatabaseLockedError : OutputError {
   using OutputError::OutputError;
 };
@@ -48,10 +48,10 @@ enum class DatabaseAccess {
 
 class Database {
  public:
-  // Throws if the file is locked for longer than `lock_timeout_ms`, is not a database, is of another
+  // Throws if the file is locked for longer than `timeout_ms`, is not a database, is of another
   // kind, or has a newer version.
   Database(std::string path, const DatabaseKind& kind, DatabaseAccess access,
-           int lock_timeout_ms = 5000);
+           int timeout_ms = 5000);
   ~Database();
   Database(Database&& other) noexcept;
   Database& operator=(Database&& other) noexcept;
@@ -71,7 +71,7 @@ class Database {
   friend class Statement;
   [[noreturn]] void fail(int code) const;
   void check(int code) const;
-  void open(DatabaseAccess access, int lock_timeout_ms);
+  void open(DatabaseAccess access, int timeout_ms);
   void make_foreign(const DatabaseKind& kind);
   void identify(const DatabaseKind& kind);
   void upgrade(const DatabaseKind& kind);

@@ -54,7 +54,7 @@ class SqliteTest : public FolderTest {
   }
 };
 
-TEST_F(SqliteTest, RoundTripsValues) {
+TEST_F(SqliteTest, ValuesRoundTrip) {
   Database database = create();
   Statement insert(database, "INSERT INTO note(id, text) VALUES(?, ?)");
   const std::vector<std::uint8_t> bytes{0, 255, 7, 0};
@@ -81,7 +81,7 @@ TEST_F(SqliteTest, RoundTripsValues) {
   EXPECT_FALSE(read.step());
 }
 
-TEST_F(SqliteTest, FilesArePrivate) {
+TEST_F(SqliteTest, FilesAreReadableByTheOwnerOnly) {
   const mode_t before = umask(0);
   Database database = create();
   add(database, "x");
@@ -94,7 +94,7 @@ TEST_F(SqliteTest, FilesArePrivate) {
   EXPECT_EQ(files(), 3U);  // the log and its index beside the file
 }
 
-TEST_F(SqliteTest, RestrictsPermissionsWhenWriting) {
+TEST_F(SqliteTest, PermissionsAreTightenedOnWriting) {
   const auto mode_of = [](const std::string& file) {
     struct stat found {};
     EXPECT_EQ(stat(file.c_str(), &found), 0) << file;
@@ -125,7 +125,7 @@ TEST_F(SqliteTest, RestrictsPermissionsWhenWriting) {
   EXPECT_THAT(notes(holder), ElementsAre("x", "y"));
 }
 
-TEST_F(SqliteTest, CommittedDataSurvivesCrash) {
+TEST_F(SqliteTest, CommittedDataSurvivesACrash) {
   const pid_t child = fork();
   if (child == 0) {
     Database database = create();
@@ -141,7 +141,7 @@ TEST_F(SqliteTest, CommittedDataSurvivesCrash) {
   EXPECT_THAT(notes(database), ElementsAre("kept"));
 }
 
-TEST_F(SqliteTest, LockedDatabaseThrowsAndKeepsData) {
+TEST_F(SqliteTest, ALockedDatabaseIsAnErrorAndLosesNothing) {
   Database first = create();
   add(first, "one");
   std::optional<Transaction> lock(std::in_place, first);
@@ -167,7 +167,7 @@ TEST_F(SqliteTest, ExclusiveLockBlocksReaders) {
   EXPECT_THAT(refusal(DatabaseAccess::kCreate), HasSubstr("locked"));
 }
 
-TEST_F(SqliteTest, FullDiskThrowsAndKeepsData) {
+TEST_F(SqliteTest, AFullDatabaseIsAnErrorAndLosesNothing) {
   Database database = create();
   add(database, "one");
   database.run("PRAGMA max_page_count = 6");
@@ -185,7 +185,7 @@ TEST_F(SqliteTest, FullDiskThrowsAndKeepsData) {
   EXPECT_EQ(notes(database).back(), "later");
 }
 
-TEST_F(SqliteTest, RejectsOtherFilesUnchanged) {
+TEST_F(SqliteTest, OtherFilesAreRefusedAndUnchanged) {
   EXPECT_THAT(refusal(DatabaseAccess::kRead), HasSubstr("No such file"));
   EXPECT_THAT(refusal(DatabaseAccess::kWrite), HasSubstr("No such file"));
   const std::string text = "dear diary, " + std::string(2000, 'x');
@@ -200,7 +200,7 @@ TEST_F(SqliteTest, RejectsOtherFilesUnchanged) {
   }
 }
 
-TEST_F(SqliteTest, RejectsForeignDatabasesUnchanged) {
+TEST_F(SqliteTest, ForeignDatabasesAreRefusedAndUnchanged) {
   {
     const DatabaseKind other{"other", 77, {"CREATE TABLE song(title)"}};
     const Database database(path("notes.db"), other, DatabaseAccess::kCreate);
@@ -211,7 +211,7 @@ TEST_F(SqliteTest, RejectsForeignDatabasesUnchanged) {
   EXPECT_EQ(contents(path("notes.db")), before);
 }
 
-TEST_F(SqliteTest, EmptyFileIsInitializedOnlyForWriting) {
+TEST_F(SqliteTest, AnEmptyFileBecomesADatabaseOnlyForWriting) {
   write_file_atomically(path("notes.db"), std::string_view());
   EXPECT_THAT(refusal(DatabaseAccess::kRead), HasSubstr("is empty: no test diary"));
   Database database = create();
@@ -219,7 +219,7 @@ TEST_F(SqliteTest, EmptyFileIsInitializedOnlyForWriting) {
   EXPECT_EQ(notes(database).size(), 1U);
 }
 
-TEST_F(SqliteTest, UpgradesOlderAndRejectsNewerVersions) {
+TEST_F(SqliteTest, OlderVersionsAreUpgradedAndNewerOnesRefused) {
   {
     Database database = create();
     add(database, "old");
@@ -300,7 +300,7 @@ TEST_F(SqliteTest, DamagedFileIsAnError) {
   }
 }
 
-TEST_F(SqliteTest, RejectsFoldersAndInvalidPaths) {
+TEST_F(SqliteTest, FoldersAndInvalidPathsAreRefused) {
   std::filesystem::create_directory(path("notes.db"));
   EXPECT_THAT(refusal(DatabaseAccess::kRead), HasSubstr("no regular file"));
   EXPECT_THAT(refusal(DatabaseAccess::kCreate), HasSubstr("no regular file"));
@@ -309,7 +309,7 @@ TEST_F(SqliteTest, RejectsFoldersAndInvalidPaths) {
   EXPECT_THROW(Database(":memory:", kKind, DatabaseAccess::kRead), InputError);
 }
 
-TEST_F(SqliteTest, LockTimeoutThrowsDatabaseLockedError) {
+TEST_F(SqliteTest, ALockHasItsOwnTypeOfError) {
   Database database = create();
   Database other = create();
   const Transaction lock(other);
@@ -318,7 +318,7 @@ TEST_F(SqliteTest, LockTimeoutThrowsDatabaseLockedError) {
   EXPECT_THROW(database.run("CREATE TABLE again(id)"), DatabaseLockedError);
 }
 
-TEST_F(SqliteTest, ReadsSupportedOlderVersions) {
+TEST_F(SqliteTest, ReadersMayAcceptOlderVersions) {
   (void)create();
   DatabaseKind later = kKind;
   later.versions.emplace_back("ALTER TABLE note ADD COLUMN time");

@@ -46,7 +46,7 @@ class TlsStream {
   [[nodiscard]] Step handshake();
   [[nodiscard]] bool is_ready() const { return ready_; }  // the handshake is done
   // The reason of kFailed, for the user, and what to do.
-  [[nodiscard]] const std::string& error() const { return error_; }
+  [[nodiscard]] const std::string& error_message() const { return error_message_; }
   // Whether a retry cannot help: an invalid certificate, or no TLS at all.
   [[nodiscard]] bool is_permanent() const { return permanent_; }
 
@@ -67,7 +67,7 @@ class TlsStream {
   std::unique_ptr<Impl> impl_;
   bool ready_ = false;
   bool permanent_ = false;
-  std::string error_;
+  std::string error_message_;
 };
 
 }  // namespace tarsier

@@ -162,7 +162,7 @@ TEST_F(TlsTest, ACaFileWithoutCertificatesIsAnError) {
   }
 }
 
-TEST_F(TlsTest, RedirectsStayEncryptedWithoutPassword) {
+TEST_F(TlsTest, RedirectsStayEncryptedAndDoNotForwardThePassword) {
   HttpServer plain;
   const TlsServer redirecting(good_, [&](const std::string&) { return redirect_to(plain.url()); });
   const Outcome outcome = read_http(redirecting.url("/", "me:secret@"));
@@ -182,7 +182,7 @@ TEST_F(TlsTest, RedirectsStayEncryptedWithoutPassword) {
   EXPECT_FALSE(read_http(upgrades.url()).image.empty());
 }
 
-TEST_F(TlsTest, SnapshotsUseSeparateConnections) {
+TEST_F(TlsTest, EachSnapshotUsesASeparateConnection) {
   const TlsServer server(good_, [](const std::string&) {
     const std::string jpeg = testing::jpeg_of(3);
     return "HTTP/1.1 200 OK\r\nContent-Type: image/jpeg\r\nContent-Length: " +
@@ -253,7 +253,7 @@ TEST_F(TlsTest, CaptureProgramRejectsUntrustedServersAndRedirects) {
   EXPECT_THAT(camera.requests(), IsEmpty());
 }
 
-TEST_F(TlsTest, TunnelForwardsAllButRedirects) {
+TEST_F(TlsTest, TheTunnelForwardsOtherAnswers) {
   const std::string answer = "RTSP/1.0 200 OK\r\nCSeq: 1\r\n\r\n" + std::string(300'000, 'x');
   std::string reply = answer;
   const TlsServer server(good_, [&](const std::string&) { return reply; });
@@ -276,10 +276,10 @@ TEST_F(TlsTest, TunnelForwardsAllButRedirects) {
     return got;
   };
   EXPECT_EQ(ask(), answer);
-  EXPECT_EQ(tunnel.error(), "");
+  EXPECT_EQ(tunnel.error_message(), "");
   reply = "RTSP/1.0 302 Moved\r\nLocation: rtsp://127.0.0.1/\r\n\r\n";
   EXPECT_EQ(ask(), "");
-  EXPECT_THAT(tunnel.error(), HasSubstr("redirects"));
+  EXPECT_THAT(tunnel.error_message(), HasSubstr("redirects"));
 }
 
 }  // namespace

@@ -70,7 +70,7 @@ struct Link {
 std::string pump(Link& link) {
   if (!link.tls->is_ready()) {
     const TlsStream::Step step = link.tls->handshake();
-    if (step == TlsStream::Step::kFailed) return link.tls->error();
+    if (step == TlsStream::Step::kFailed) return link.tls->error_message();
     if (step == TlsStream::Step::kAgain) return {};
   }
   std::array<std::uint8_t, 16384> buffer;
@@ -128,7 +128,7 @@ struct TlsTunnel::Impl {
   void accept_one(std::list<Link>& links, const std::stop_token& stop);
   void note(std::string text) {
     const std::lock_guard lock(mutex);
-    error = std::move(text);
+    error_message = std::move(text);
   }
 
   const std::string host;
@@ -137,7 +137,7 @@ struct TlsTunnel::Impl {
   TcpSocket listener;
   std::uint16_t port = 0;
   std::mutex mutex;
-  std::string error;
+  std::string error_message;
 };
 
 void TlsTunnel::Impl::listen() {
@@ -212,9 +212,9 @@ TlsTunnel::~TlsTunnel() = default;
 
 std::uint16_t TlsTunnel::port() const { return impl_->port; }
 
-std::string TlsTunnel::error() const {
+std::string TlsTunnel::error_message() const {
   const std::lock_guard lock(impl_->mutex);
-  return impl_->error;
+  return impl_->error_message;
 }
 
 }  // namespace tarsier

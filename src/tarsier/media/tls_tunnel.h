@@ -28,7 +28,7 @@ class TlsTunnel {
 
   [[nodiscard]] std::uint16_t port() const;  // of 127.0.0.1
   // Why the last failed connection failed; empty if none failed.
-  [[nodiscard]] std::string error() const;
+  [[nodiscard]] std::string error_message() const;
 
  private:
   struct Impl;

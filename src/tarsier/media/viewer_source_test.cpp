@@ -62,7 +62,7 @@ TEST(ViewerParser, NewestRecordIsIndependentOfSplits) {
   }
 }
 
-TEST(ViewerParser, RejectsInvalidLengths) {
+TEST(ViewerParser, ZeroAndExcessiveLengthsEndIt) {
   for (const std::size_t bad :
        {std::size_t{0}, ViewerParser::kMaxBytes + 1, std::size_t{0xffffffff}}) {
     ViewerParser parser;
@@ -78,7 +78,7 @@ TEST(ViewerParser, RejectsInvalidLengths) {
   EXPECT_LE(parser.held_bytes(), 4096U) << "a length alone takes no memory";
 }
 
-TEST(ViewerImage, MustBeCompleteJpeg) {
+TEST(ViewerImage, OnlyCompleteJpegsAreAccepted) {
   const Bytes good = jpeg(80);
   EXPECT_EQ(viewer_image_error(good), "");
   EXPECT_NE(viewer_image_error(Bytes(good.begin(), good.begin() + 100)), "");
@@ -133,7 +133,7 @@ class ViewerSourceTest : public ::testing::Test {
   std::unique_ptr<FrameSource> source_;
 };
 
-TEST_F(ViewerSourceTest, ReturnsNewestImageAndRecoversFromSilence) {
+TEST_F(ViewerSourceTest, ReturnsTheNewestImageAndTurnsStaleInSilence) {
   EXPECT_TRUE(source_->is_live());
   send(record(jpeg(40)));
   EXPECT_NEAR(value_of_next(), 40, 2);
@@ -149,7 +149,7 @@ TEST_F(ViewerSourceTest, ReturnsNewestImageAndRecoversFromSilence) {
   EXPECT_EQ(source_->status().reopened, 0) << "there is nothing to open again";
 }
 
-TEST_F(ViewerSourceTest, SkipsInvalidImages) {
+TEST_F(ViewerSourceTest, InvalidRecordsAreSkipped) {
   const Bytes good = jpeg(50);
   send(record({'n', 'o'}));
   send(record(Bytes(good.begin(), good.end() - 60)));
@@ -177,7 +177,7 @@ TEST_F(ViewerSourceTest, SkipsInvalidImages) {
   EXPECT_LE(std::count(log_output.begin(), log_output.end(), '\n'), 3) << log_output;
 }
 
-TEST_F(ViewerSourceTest, EndOfPipeEndsSource) {
+TEST_F(ViewerSourceTest, EndOfInputEndsTheSource) {
   send(record(jpeg(50)));
   EXPECT_NEAR(value_of_next(), 50, 2);
   hang_up();
@@ -203,7 +203,7 @@ TEST_F(ViewerSourceTest, EndBeforeFirstImageIsInputError) {
   EXPECT_THROW(value_of_next(), InputError);
 }
 
-TEST_F(ViewerSourceTest, StopTokenEndsWaiting) {
+TEST_F(ViewerSourceTest, AStopWakesTheReader) {
   std::stop_source stop;
   std::thread other([&] {
     std::this_thread::sleep_for(milliseconds(20));
