@@ -37,7 +37,7 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 using ::testing::StartsWith;
 
-constexpr int kTimeoutMs = 300'000;  // only reached if something hangs
+constexpr int kTimeout_ms = 300'000;  // only reached if something hangs
 
 int port_of(const FrameSink& sink) {
   const std::string text = sink.description();
@@ -85,7 +85,7 @@ class Client {
   // Reads more bytes into buffer(); false at the end of the stream.
   bool more() {
     ::pollfd ready{fd_, POLLIN, 0};
-    if (::poll(&ready, 1, kTimeoutMs) != 1) throw std::runtime_error("nothing came");
+    if (::poll(&ready, 1, kTimeout_ms) != 1) throw std::runtime_error("nothing came");
     std::array<char, 65536> chunk;
     const ssize_t got = ::recv(fd_, chunk.data(), chunk.size(), 0);
     if (got <= 0) return false;
@@ -193,7 +193,7 @@ nlohmann::json health(int port) { return nlohmann::json::parse(ask(port, "/healt
 
 // Polls until `done`; the time limit of the test ends an endless wait.
 void wait_until(const std::function<bool()>& done) {
-  const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(kTimeoutMs);
+  const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(kTimeout_ms);
   while (!done()) {
     ASSERT_LT(std::chrono::steady_clock::now(), end) << "never happened";
     std::this_thread::sleep_for(std::chrono::milliseconds(5));

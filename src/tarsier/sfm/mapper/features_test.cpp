@@ -37,7 +37,7 @@ TEST(FindFeatures, ABlobIsWhereItIs) {
   }
 }
 
-TEST(FindFeatures, AReducedImageGivesThePixelsOfTheWhole) {
+TEST(FindFeatures, ReducedImageGivesFullImageCoordinates) {
   const synth::SfmScene scene({});
   const cv::Mat image = scene.render(0);
   FeatureOptions half;
@@ -52,7 +52,7 @@ TEST(FindFeatures, AReducedImageGivesThePixelsOfTheWhole) {
   EXPECT_EQ(features.colors.size(), features.points.size());
 }
 
-TEST(FindFeatures, AreTheStrongestOfEveryPlace) {
+TEST(FindFeatures, KeepsStrongestOfEachRegion) {
   const synth::SfmScene scene({});
   cv::Mat image = scene.render(0);
   // The left half has much less contrast, but keeps its share of the features.
@@ -69,7 +69,7 @@ TEST(FindFeatures, AreTheStrongestOfEveryPlace) {
   EXPECT_GT(of_left, 80);
 }
 
-TEST(FindFeatures, ThreadsChangeNothing) {
+TEST(FindFeatures, ResultDoesNotDependOnNumberOfThreads) {
   const synth::SfmScene scene({});
   const cv::Mat image = scene.render(1);
   for (const FeatureKind kind : {FeatureKind::kSift, FeatureKind::kOrb, FeatureKind::kAkaze}) {
