@@ -84,10 +84,10 @@ void measure_board(Context& context, const char* board, cv::Size size) {
   std::uint64_t seed = context.seed;
   for (const geometry::Rigid3& pose : synth::board_poses(truth, spec, kViews, context.seed)) {
     throw_if_stopped(context.stop);
-    synth::BoardLook look;
-    look.seed = ++seed;
-    look.clutter = 12;
-    const cv::Mat image = renderer.render(pose, look);
+    synth::BoardAppearance appearance;
+    appearance.seed = ++seed;
+    appearance.clutter = 12;
+    const cv::Mat image = renderer.render(pose, appearance);
     const Stopwatch watch;
     views.push_back(planar::calibration::find_board(image, spec));
     times.push_back(watch.ms());
@@ -121,7 +121,7 @@ void measure_nothing(Context& context, const std::vector<cv::Mat>& images, const
     planar::calibration::FindOptions options;
     if (live) {
       options.search_px = 480;
-      options.patient = false;
+      options.retry = false;
     }
     std::vector<double> times;
     for (const cv::Mat& image : images) {

@@ -130,8 +130,8 @@ Likeness likeness(const cv::Mat& frame, Mode mode) {
   return result;
 }
 
-void keep_worst(std::optional<double>& kept, const std::optional<double>& value) {
-  if (value) kept = kept ? std::min(*kept, *value) : *value;
+void keep_minimum(std::optional<double>& minimum, const std::optional<double>& value) {
+  if (value) minimum = minimum ? std::min(*minimum, *value) : *value;
 }
 
 struct Cost {
@@ -299,9 +299,9 @@ ExitStatus bench_cartoon(Context& context, const BenchOptions& options) {
       Likeness worst;
       for (const cv::Mat& frame : frames) {
         const Likeness one = likeness(frame, mode);
-        keep_worst(worst.psnr, one.psnr);
-        keep_worst(worst.ssim, one.ssim);
-        keep_worst(worst.iou, one.iou);
+        keep_minimum(worst.psnr, one.psnr);
+        keep_minimum(worst.ssim, one.ssim);
+        keep_minimum(worst.iou, one.iou);
         worst.image_psnr = std::min(worst.image_psnr, one.image_psnr);
       }
       std::map<int, Cost> references;

@@ -20,14 +20,14 @@ namespace tarsier::cli {
 ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
   cv::setNumThreads(1);
   const face::LandmarkTracker tracker = load_landmark_tracker({});
-  const face::landmarks::LandmarkModel& whole = tracker.model();
+  const face::landmarks::LandmarkModel& full_model = tracker.model();
   face::landmarks::FaceFinder finder = tracker.detector().make_finder();
   const std::string path =
       options.inputs.empty() ? sample_image("messi5.jpg") : options.inputs.front();
   const cv::Mat gray = read_gray_image(path);
   const std::vector<face::landmarks::Candidate> found = finder.find(gray);
   if (found.empty()) throw InputError(path, "shows no face to measure on");
-  const Eigen::Matrix2Xd start = face::landmarks::start_at(whole, finder, found.front());
+  const Eigen::Matrix2Xd start = face::landmarks::start_at(full_model, finder, found.front());
   const auto report = [&](const std::string& name, double ms) {
     if (context.json) {
       nlohmann::ordered_json line = {
@@ -43,8 +43,8 @@ ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
         face::landmarks::FitMethod::kDescent, face::landmarks::FitMethod::kNetwork,
         face::landmarks::FitMethod::kPatches}) {
     throw_if_stopped(context.stop);
-    if (!whole.has(method)) continue;
-    face::landmarks::LandmarkModel model = whole;
+    if (!full_model.has(method)) continue;
+    face::landmarks::LandmarkModel model = full_model;
     model.quality.reset();
     face::landmarks::FitOptions fit;
     fit.method = method;

@@ -109,7 +109,7 @@ Scenes scenes_of(const planar::markers::Dictionary& family, cv::Size size, std::
       truth.camera = still.camera;
       truth.size = kSide;
       for (const synth::PrintTruth& print : still.truth) {
-        planar::markers::JudgedMarker one;
+        planar::markers::MarkerRecord one;
         one.id = print.id;
         one.corners = print.corners;
         one.side_px = print.side_px;
@@ -127,7 +127,7 @@ Scenes scenes_of(const planar::markers::Dictionary& family, cv::Size size, std::
 
 planar::markers::MarkerScore measure(const Detector& detector, const Scenes& scenes, int repeats,
                                      Context& context) {
-  planar::markers::MarkerJudge judge;
+  planar::markers::MarkerEvaluator evaluator;
   for (std::size_t i = 0; i < scenes.images.size(); ++i) {
     throw_if_stopped(context.stop);
     std::vector<planar::markers::Marker> found;
@@ -137,13 +137,13 @@ planar::markers::MarkerScore measure(const Detector& detector, const Scenes& sce
       found = detector(scenes.images[i]);
       best = std::min(best, thread_cpu_ms() - start);
     }
-    std::vector<planar::markers::JudgedMarker> judged;
+    std::vector<planar::markers::MarkerRecord> records;
     for (const planar::markers::PosedMarker& posed :
          planar::markers::pose_markers(std::move(found), kSide, scenes.truth[i].camera))
-      judged.push_back(planar::markers::judged(posed.marker, posed.pose));
-    judge.add(scenes.truth[i], judged, best);
+      records.push_back(planar::markers::record_of(posed.marker, posed.pose));
+    evaluator.add(scenes.truth[i], records, best);
   }
-  return judge.score();
+  return evaluator.score();
 }
 
 void report(const std::string& method, const std::string& family, cv::Size size,

@@ -5,7 +5,7 @@
 #include "tarsier/sfm/mapper/evaluation.h"
 #include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/pipelines/reconstructor.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
@@ -43,7 +43,7 @@ ImageSet drawn_ring(int images, cv::Size size, const Scratch& scratch, const Con
   options.size = size;
   options.images = images;
   options.trajectory = synth::Trajectory::kRing;
-  const synth::ReliefScene scene(options);
+  const synth::SfmScene scene(options);
   ImageSet set;
   set.name = fmt::format("ring{} {}x{}", images, size.width, size.height);
   set.camera = scene.camera();

@@ -35,10 +35,10 @@ std::string default_video() {
 // The mask (255) of the regions that do not change between two smoothed grey frames, well away from
 // moving regions.
 cv::Mat still_regions(const cv::Mat& gray, const cv::Mat& earlier) {
-  constexpr int kMoved = 5;  // grey levels
+  constexpr int kMaxStillDifference = 5;  // grey levels
   cv::Mat difference;
   cv::absdiff(gray, earlier, difference);
-  cv::Mat still = difference < kMoved;
+  cv::Mat still = difference < kMaxStillDifference;
   cv::erode(still, still, cv::Mat(), cv::Point(-1, -1), 5);
   return still;
 }
@@ -85,11 +85,11 @@ ExitStatus bench_steady(Context& context, const BenchOptions& options) {
     source_options.sequence = true;
     const std::unique_ptr<FrameSource> source =
         open_sources({input}, source_options, {synth::synth_scheme()});
-    CartoonOptions how;
-    how.mode = mode;
-    Drawing plain(how);
-    how.steady.on = true;
-    Drawing steady(how);
+    CartoonOptions cartoon_options;
+    cartoon_options.mode = mode;
+    Drawing plain(cartoon_options);
+    cartoon_options.steady.on = true;
+    Drawing steady(cartoon_options);
     cv::Mat earlier;
     int frames = 0;
     while (frames < kFrames && !source->ended()) {

@@ -85,7 +85,7 @@ class TextbookFinder {
 
 // The results of one method.
 struct Tally {
-  int shown = 0;
+  int visible = 0;
   int right = 0;
   int wrong = 0;
   std::vector<double> errors;
@@ -93,7 +93,7 @@ struct Tally {
 
   void add(const synth::PrintTruth* truth, const std::optional<Corners>& found, double ms) {
     times.push_back(ms);
-    shown += truth != nullptr ? 1 : 0;
+    visible += truth != nullptr ? 1 : 0;
     if (!found) return;
     const double error = truth != nullptr ? rms_of(*found, truth->corners) : 1e9;
     if (truth == nullptr || error > std::max(3.0, 0.2 * truth->side_px)) {
@@ -105,7 +105,7 @@ struct Tally {
   }
 };
 
-void print_row(Context& context, const char* what, const char* method, Tally tally,
+void print_row(Context& context, const char* case_name, const char* method, Tally tally,
                const Json& more = Json::object()) {
   const double corner_px = upper_quantile(tally.errors, 0.5);
   const double corner_px_p95 = upper_quantile(tally.errors, 0.95);
@@ -113,10 +113,11 @@ void print_row(Context& context, const char* what, const char* method, Tally tal
   const double ms_p95 = upper_quantile(tally.times, 0.95);
   Json row;
   row["bench"] = "targets";
-  row["case"] = fmt::format("{} {}", what, method);
+  row["case"] = fmt::format("{} {}", case_name, method);
   row["method"] = method;
   row["images"] = tally.times.size();
-  row["recall"] = rounded(tally.shown > 0 ? static_cast<double>(tally.right) / tally.shown : 0, 3);
+  row["recall"] =
+      rounded(tally.visible > 0 ? static_cast<double>(tally.right) / tally.visible : 0, 3);
   row["wrong"] = tally.wrong;
   row["corner_px"] = rounded(corner_px, 3);
   row["corner_px_p95"] = rounded(corner_px_p95, 3);
@@ -130,25 +131,26 @@ void print_row(Context& context, const char* what, const char* method, Tally tal
   print_text(fmt::format(
       "{:<8} {:<12} recall {:.3f} ({} of {}), wrong {}, corners {:.3f} px (95 % "
       "{:.2f}), {:.2f} ms (95 % {:.2f}){}\n",
-      what, method, row["recall"].get<double>(), tally.right, tally.shown, tally.wrong, corner_px,
-      corner_px_p95, ms, ms_p95,
+      case_name, method, row["recall"].get<double>(), tally.right, tally.visible, tally.wrong,
+      corner_px, corner_px_p95, ms, ms_p95,
       more.contains("rest_px") ? fmt::format(", at rest {:.3f} px", more["rest_px"].get<double>())
                                : ""));
 }
 
-struct Contenders {
-  std::vector<planar::image_targets::Target> own;
+struct TrainedMethods {
+  std::vector<planar::image_targets::Target> tarsier_targets;
   std::vector<TextbookFinder> orb;
   std::vector<TextbookFinder> sift;
 };
 
-Contenders train_all(const std::vector<synth::PlanarPrint>& prints, std::uint64_t seed) {
-  Contenders all;
+TrainedMethods train_all(const std::vector<synth::PlanarPrint>& prints, std::uint64_t seed) {
+  TrainedMethods all;
   for (const synth::PlanarPrint& print : prints) {
     planar::image_targets::TrainOptions options;
     options.width = print.width;
     options.seed = seed;
-    all.own.push_back(planar::image_targets::train_target(print.image, print.name, options));
+    all.tarsier_targets.push_back(
+        planar::image_targets::train_target(print.image, print.name, options));
     cv::Mat gray = print.image;
     if (gray.channels() == 3) cv::cvtColor(gray, gray, cv::COLOR_BGR2GRAY);
     all.orb.emplace_back(cv::ORB::create(1500), cv::NORM_HAMMING, 0.8, gray);
@@ -157,8 +159,8 @@ Contenders train_all(const std::vector<synth::PlanarPrint>& prints, std::uint64_
   return all;
 }
 
-std::optional<Corners> find_own(const std::vector<planar::image_targets::Target>& targets,
-                                std::size_t which, const cv::Mat& image) {
+std::optional<Corners> find_with_tarsier(const std::vector<planar::image_targets::Target>& targets,
+                                         std::size_t which, const cv::Mat& image) {
   const auto found = planar::image_targets::detect_targets({targets[which]}, image);
   if (found.empty()) return std::nullopt;
   return found[0].corners;
@@ -166,8 +168,8 @@ std::optional<Corners> find_own(const std::vector<planar::image_targets::Target>
 
 // Stills of one print each, at three levels each of light, blur and noise, one at a time.
 void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& prints,
-                    const Contenders& all) {
-  Tally own;
+                    const TrainedMethods& all) {
+  Tally tarsier;
   Tally orb;
   Tally sift;
   for (const auto level :
@@ -175,10 +177,10 @@ void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& pri
     for (int k = 0; k < kStillsPerLevel; ++k) {
       throw_if_stopped(context.stop);
       synth::StillOptions options;
-      options.most = 1;
+      options.max_prints = 1;
       options.min_side_px = 80;
       options.max_side_px = 280;
-      options.part_hidden = 0.3;
+      options.hidden_share = 0.3;
       const auto which = static_cast<std::size_t>(k) % prints.size();
       const synth::PlanarStill still = synth::print_still(
           {prints[which]}, options, level, context.seed * 1000 + static_cast<std::uint64_t>(k));
@@ -186,8 +188,8 @@ void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& pri
       cv::Mat gray;
       cv::cvtColor(still.image, gray, cv::COLOR_BGR2GRAY);
       double start = thread_cpu_ms();
-      const auto a = find_own(all.own, which, still.image);
-      own.add(truth, a, thread_cpu_ms() - start);
+      const auto a = find_with_tarsier(all.tarsier_targets, which, still.image);
+      tarsier.add(truth, a, thread_cpu_ms() - start);
       start = thread_cpu_ms();
       const auto b = all.orb[which].find(gray);
       orb.add(truth, b, thread_cpu_ms() - start);
@@ -196,7 +198,7 @@ void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& pri
       sift.add(truth, c, thread_cpu_ms() - start);
     }
   }
-  print_row(context, "stills", "tarsier", own);
+  print_row(context, "stills", "tarsier", tarsier);
   print_row(context, "stills", "ORB+RANSAC", orb);
   print_row(context, "stills", "SIFT+RANSAC", sift);
 }
@@ -204,34 +206,34 @@ void measure_stills(Context& context, const std::vector<synth::PlanarPrint>& pri
 // One video per print: motion of 25 px per frame, tilt up to 50 degrees, two exposure times, a hand
 // that passes in front.
 void measure_videos(Context& context, const std::vector<synth::PlanarPrint>& prints,
-                    const Contenders& all) {
-  Tally own;
+                    const TrainedMethods& all) {
+  Tally tarsier;
   Tally orb;
   Tally sift;
   std::vector<double> rest;
   for (std::size_t which = 0; which < prints.size(); ++which) {
     synth::VideoOptions options;
     options.exposure = 0.35;
-    options.look.noise = 4;
+    options.imaging.noise = 4;
     options.seed = context.seed + which;
     const synth::PlanarVideo video = synth::print_video({prints[which]}, options);
     planar::image_targets::TrackState state;
-    const std::vector<planar::image_targets::Target> targets = {all.own[which]};
+    const std::vector<planar::image_targets::Target> targets = {all.tarsier_targets[which]};
     std::optional<cv::Point2d> last;
     for (int i = 0; i < kVideoSeconds * kFps; ++i) {
       throw_if_stopped(context.stop);
       const double time = i / kFps;
       const cv::Mat image = video.image_at(time);
-      const auto shown = video.truth_at(time);
+      const auto truth = video.truth_at(time);
       // A print that is mostly hidden, or has left the image, is not counted.
-      const bool counts = !shown.empty() && shown[0].visible >= 0.5;
+      const bool counts = !truth.empty() && truth[0].visible >= 0.5;
       double start = thread_cpu_ms();
       const auto seen = planar::image_targets::track(targets, {}, state, image);
       const double ms = thread_cpu_ms() - start;
       if (!counts) continue;
       std::optional<Corners> corners;
       if (!seen.empty()) corners = seen[0].corners;
-      own.add(&shown[0], corners, ms);
+      tarsier.add(&truth[0], corners, ms);
       if (corners && last && synth::PlanarVideo::is_at_rest(time) &&
           synth::PlanarVideo::is_at_rest(time - 1 / kFps))
         rest.push_back(cv::norm((*corners)[0] - *last));
@@ -241,13 +243,13 @@ void measure_videos(Context& context, const std::vector<synth::PlanarPrint>& pri
       cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
       start = thread_cpu_ms();
       const auto b = all.orb[which].find(gray);
-      orb.add(&shown[0], b, thread_cpu_ms() - start);
+      orb.add(&truth[0], b, thread_cpu_ms() - start);
       start = thread_cpu_ms();
       const auto c = all.sift[which].find(gray);
-      sift.add(&shown[0], c, thread_cpu_ms() - start);
+      sift.add(&truth[0], c, thread_cpu_ms() - start);
     }
   }
-  print_row(context, "videos", "tarsier", own,
+  print_row(context, "videos", "tarsier", tarsier,
             {{"rest_px", rounded(upper_quantile(rest, 0.5), 4)}});
   print_row(context, "videos", "ORB+RANSAC", orb);
   print_row(context, "videos", "SIFT+RANSAC", sift);
@@ -268,7 +270,7 @@ ExitStatus bench_targets(Context& context, const BenchOptions& options) {
   for (int k = 0; options.inputs.empty() && k < 3; ++k)
     prints.push_back(synth::poster_print(k, context.seed));
   for (synth::PlanarPrint& print : prints) print.id = 0;
-  const Contenders all = train_all(prints, context.seed);
+  const TrainedMethods all = train_all(prints, context.seed);
   if (is_chosen(options, "stills")) measure_stills(context, prints, all);
   if (is_chosen(options, "videos")) measure_videos(context, prints, all);
   return ExitStatus::kDone;

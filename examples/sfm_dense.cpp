@@ -6,7 +6,7 @@
 #include "tarsier/sfm/dense/dense_reconstructor.h"
 #include "tarsier/sfm/pipelines/reconstructor.h"
 #include "tarsier/sfm/scene/colmap.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <cstdio>
 #include <exception>
@@ -19,7 +19,7 @@ int main(int argc, char** argv) try {
   tarsier::NoProgress progress;
   std::string model = argv[2];
   if (model == "drawn") {
-    const tarsier::synth::ReliefScene scene({.size = {240, 180}, .images = 4});
+    const tarsier::synth::SfmScene scene({.size = {240, 180}, .images = 4});
     std::vector<std::string> images;
     for (int i = 0; i < scene.count(); ++i) {
       images.push_back("drawn-" + std::to_string(i) + ".png");

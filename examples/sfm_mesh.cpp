@@ -5,14 +5,14 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/scene/colmap.h"
 #include "tarsier/sfm/surface/surface_reconstructor.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <cstdio>
 #include <exception>
 #include <filesystem>
 
 void draw(const std::string& folder) {
-  const tarsier::synth::ReliefScene scene({.size = {120, 90}, .images = 4});
+  const tarsier::synth::SfmScene scene({.size = {120, 90}, .images = 4});
   tarsier::sfm::Model model{.cameras = {scene.camera()}, .images = {}, .points = {}};
   for (int i = 0; i < scene.count(); ++i)
     model.images.push_back({std::to_string(i) + ".png", 0, true, scene.pose(i), {}, {}, {}});

@@ -5,7 +5,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/media/frame_source.h"
 #include "tarsier/sfm/pipelines/online_reconstructor.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <chrono>
 #include <cstdio>
@@ -24,7 +24,7 @@ int main(int argc, char** argv) try {
     std::printf("%s\n", to_json(result).dump().c_str());
   };
   if (argv[2] == std::string("drawn")) {
-    const synth::ReliefScene wall({.size = {320, 240}, .trajectory = synth::Trajectory::kLine});
+    const synth::SfmScene wall({.size = {320, 240}, .trajectory = synth::Trajectory::kLine});
     for (Frame frame; frame.index < wall.count(); ++frame.index) {
       frame.image = wall.render(static_cast<int>(frame.index));
       print(online.process(frame, stop));

@@ -5,7 +5,7 @@
 //   sfm_reconstruct model drawn    (six images of a synthetic scene)
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/pipelines/reconstructor.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <cstdio>
 #include <exception>
@@ -22,7 +22,7 @@ int main(int argc, char** argv) try {
   options.folder = argv[1];
   if (inputs.front() == "drawn") {
     inputs.clear();
-    const tarsier::synth::ReliefScene scene({.size = {240, 180}, .images = 6});
+    const tarsier::synth::SfmScene scene({.size = {240, 180}, .images = 6});
     for (int i = 0; i < scene.count(); ++i) {
       inputs.push_back("drawn-" + std::to_string(i) + ".png");
       tarsier::write_image(inputs.back(), scene.render(i));

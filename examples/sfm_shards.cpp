@@ -4,7 +4,7 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/pipelines/inputs.h"
 #include "tarsier/sfm/pipelines/sharded_reconstructor.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <cstdio>
 #include <exception>
@@ -19,7 +19,7 @@ int main(int argc, char** argv) try {
   std::vector<std::string> inputs(argv + 3, argv + argc);
   if (inputs.front() == "drawn") {
     inputs.clear();
-    const tarsier::synth::ReliefScene scene({.size = {240, 180}, .images = 6});
+    const tarsier::synth::SfmScene scene({.size = {240, 180}, .images = 6});
     for (int i = 0; i < scene.count(); ++i)
       tarsier::write_image(inputs.emplace_back("shard-" + std::to_string(i) + ".png"),
                            scene.render(i));

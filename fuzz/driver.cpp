@@ -9,7 +9,7 @@ namespace {
 const tarsier::fuzz::Target* target = nullptr;
 }
 
-extern "C" std::size_t LLVMFuzzerMutate(std::uint8_t* data, std::size_t size, std::size_t most);
+extern "C" std::size_t LLVMFuzzerMutate(std::uint8_t* data, std::size_t size, std::size_t max_size);
 
 extern "C" int LLVMFuzzerInitialize(int*, char***) {
   const char* name = std::getenv("TARSIER_FUZZ");
@@ -28,8 +28,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
 }
 
 extern "C" std::size_t LLVMFuzzerCustomMutator(std::uint8_t* data, std::size_t size,
-                                               std::size_t most, unsigned seed) {
+                                               std::size_t max_size, unsigned seed) {
   if (target->form == tarsier::fuzz::Form::kJson)
-    return tarsier::fuzz::mutate_json(data, size, most, seed, LLVMFuzzerMutate);
-  return LLVMFuzzerMutate(data, size, most);
+    return tarsier::fuzz::mutate_json(data, size, max_size, seed, LLVMFuzzerMutate);
+  return LLVMFuzzerMutate(data, size, max_size);
 }

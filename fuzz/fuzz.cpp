@@ -19,8 +19,8 @@ namespace {
 namespace fs = std::filesystem;
 
 std::string make_scratch_folder() {
-  const char* wanted = std::getenv("TARSIER_FUZZ_TMP");
-  fs::path base = wanted != nullptr ? wanted : "/dev/shm";
+  const char* requested = std::getenv("TARSIER_FUZZ_TMP");
+  fs::path base = requested != nullptr ? requested : "/dev/shm";
   std::error_code error;
   if (!fs::is_directory(base, error)) base = fs::temp_directory_path();
   std::string name = base / "tarsier-fuzz-XXXXXX";
@@ -96,12 +96,12 @@ std::vector<std::string_view> parts_of(Bytes bytes, std::size_t count) {
   return parts;
 }
 
-Pieces::Pieces(Bytes bytes, std::size_t most)
-    : rest_(bytes), most_(most), state_(bytes.empty() ? 1U : bytes.front() + 1U) {}
+Pieces::Pieces(Bytes bytes, std::size_t max_size)
+    : rest_(bytes), max_size_(max_size), state_(bytes.empty() ? 1U : bytes.front() + 1U) {}
 
 Bytes Pieces::next() {
   state_ = state_ * 1664525U + 1013904223U;
-  const Bytes piece = rest_.first(std::min(rest_.size(), 1 + (state_ >> 8U) % most_));
+  const Bytes piece = rest_.first(std::min(rest_.size(), 1 + (state_ >> 8U) % max_size_));
   rest_ = rest_.subspan(piece.size());
   return piece;
 }

@@ -43,15 +43,15 @@ TARSIER_FUZZ_TARGET(obj, kBytes) {
 }
 
 TARSIER_FUZZ_TARGET(marker_truth, kJson) {
-  planar::markers::MarkerJudge judge;
+  planar::markers::MarkerEvaluator evaluator;
   for (const planar::markers::MarkerTruth& truth :
        planar::markers::read_marker_truth(file_of(input, "truth.jsonl")))
-    judge.add(truth, truth.markers, 1.0);
-  (void)judge.score();
+    evaluator.add(truth, truth.markers, 1.0);
+  (void)evaluator.score();
 }
 
 TARSIER_FUZZ_TARGET(marker_lines, kJson) {
-  (void)planar::markers::read_found_markers(file_of(input, "found.jsonl"));
+  (void)planar::markers::read_detected_markers(file_of(input, "found.jsonl"));
 }
 
 }  // namespace tarsier::fuzz

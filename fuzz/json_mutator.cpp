@@ -47,8 +47,8 @@ std::vector<std::uint8_t> from_base64(std::string_view text) {
 
 class Mutation {
  public:
-  Mutation(unsigned seed, std::size_t most, MutateBytes mutate_bytes)
-      : random_(seed), most_(most), mutate_bytes_(mutate_bytes) {}
+  Mutation(unsigned seed, std::size_t max_size, MutateBytes mutate_bytes)
+      : random_(seed), max_size_(max_size), mutate_bytes_(mutate_bytes) {}
 
   std::size_t below(std::size_t count) { return random_() % count; }
 
@@ -62,7 +62,7 @@ class Mutation {
 
   std::string change_text(std::string text) {
     const std::size_t size = text.size();
-    text.resize(std::min<std::size_t>(most_, 2 * size + 16));
+    text.resize(std::min<std::size_t>(max_size_, 2 * size + 16));
     const std::size_t given = std::min(size, text.size());
     text.resize(mutate_bytes_(reinterpret_cast<std::uint8_t*>(text.data()), given, text.size()));
     return text;
@@ -184,7 +184,7 @@ class Mutation {
             below(2) == 0 ? kSizes[below(kSizes.size())] : old + (below(2) == 0 ? 1 : ~0ULL);
         shape[dimension] = now;
         const std::size_t count = bytes.size() / width / old * now * width;
-        if (count <= most_) bytes.resize(count, bytes.empty() ? 0 : bytes.back());
+        if (count <= max_size_) bytes.resize(count, bytes.empty() ? 0 : bytes.back());
         break;
       }
       default: {
@@ -261,17 +261,17 @@ class Mutation {
   }
 
   std::minstd_rand random_;
-  std::size_t most_;
+  std::size_t max_size_;
   MutateBytes mutate_bytes_;
   std::vector<json*> nodes_;
 };
 
 }  // namespace
 
-std::size_t mutate_json(std::uint8_t* data, std::size_t size, std::size_t most, unsigned seed,
+std::size_t mutate_json(std::uint8_t* data, std::size_t size, std::size_t max_size, unsigned seed,
                         MutateBytes mutate_bytes) {
-  Mutation mutation(seed, most, mutate_bytes);
-  if (mutation.below(8) == 0) return mutate_bytes(data, size, most);
+  Mutation mutation(seed, max_size, mutate_bytes);
+  if (mutation.below(8) == 0) return mutate_bytes(data, size, max_size);
   std::string text(reinterpret_cast<const char*>(data), size);
   std::size_t begin = 0;
   std::size_t length = text.size();
@@ -283,11 +283,11 @@ std::size_t mutate_json(std::uint8_t* data, std::size_t size, std::size_t most, 
     begin = starts[mutation.below(starts.size())];
     length = std::min(text.find('\n', begin), text.size()) - begin;
     root = json::parse(text.substr(begin, length), nullptr, false);
-    if (root.is_discarded()) return mutate_bytes(data, size, most);
+    if (root.is_discarded()) return mutate_bytes(data, size, max_size);
   }
   mutation.change(root);
   text.replace(begin, length, root.dump(-1, ' ', false, json::error_handler_t::replace));
-  if (text.size() > most) return mutate_bytes(data, size, most);
+  if (text.size() > max_size) return mutate_bytes(data, size, max_size);
   std::memcpy(data, text.data(), text.size());
   return text.size();
 }

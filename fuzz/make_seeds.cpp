@@ -68,7 +68,7 @@ namespace fs = std::filesystem;
 
 const nlohmann::json kNothing = nlohmann::json::object();
 NoProgress quiet;
-const std::stop_token kGoOn;
+const std::stop_token kNeverStop;
 
 void images() {
   cv::Mat colour;
@@ -197,7 +197,7 @@ void landmark_models() {
   face::appearance::write_appearance_model(
       seed("appearance_model", "grid.json"),
       face::appearance::train_appearance_model(face::appearance::testing::portraits(4, 1), {},
-                                               options, quiet, kGoOn),
+                                               options, quiet, kNeverStop),
       kNothing);
   face::head::write_head_model(seed("head_model", "formulas.json"), face::head::testing_head(2),
                                kNothing);
@@ -265,7 +265,7 @@ void people_models() {
        {Algorithm::kDefault, Algorithm::kEigen, Algorithm::kFisher, Algorithm::kLbph}) {
     options.algorithm = algorithm;
     options.components = 3;
-    const Recognizer model = train(set.faces, set.labels, options, quiet, kGoOn);
+    const Recognizer model = train(set.faces, set.labels, options, quiet, kNeverStop);
     if (algorithm == Algorithm::kDefault) body = recognizer_text(model);
     write_recognizer(seed("recognizer", std::string(name_of(algorithm)) + ".json"), model,
                      kNothing);
@@ -282,7 +282,7 @@ void people_models() {
 "shape": [256], "dtype": "float32", "quantization": {"dtype": "uint8", "scale": 0.1, "min": -1}}],
 "paths": ["shard.bin"]}])"));
   write_background(seed("background", "small.json"),
-                   learn_background(others.faces, general, quiet, kGoOn), kNothing);
+                   learn_background(others.faces, general, quiet, kNeverStop), kNothing);
 
   (void)write_cell_index(
       seed("face_index", "small"), 3, 5,
@@ -291,7 +291,7 @@ void people_models() {
         for (std::int64_t i = 1; i <= 5; i += step) ids.push_back(i);
         take(ids, Rows::Constant(static_cast<Eigen::Index>(ids.size()), 3, 0.5F));
       },
-      {5, -1, 1}, {.cells = 2}, quiet, kGoOn);
+      {5, -1, 1}, {.cells = 2}, quiet, kNeverStop);
 
   const std::string path = seed("gallery", "one.db");
   fs::remove(path);

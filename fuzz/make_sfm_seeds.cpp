@@ -33,7 +33,7 @@ sfm::Features some_features() {
 }
 
 // The file without its checksum, for a target that adds the checksum itself.
-void keep_unsummed(const std::string& path) {
+void write_without_checksum(const std::string& path) {
   const std::string bytes = read_file(path, 1'000'000);
   write_file_atomically(path, bytes.substr(sfm::kPackedMagic.size() + 64));
 }
@@ -64,16 +64,16 @@ void shards() {
   image.key = "00";
   image.features = some_features();
   (void)sfm::write_feature_shard(seed("feature_shard", "one"), std::vector{image, image});
-  keep_unsummed(seed("feature_shard", "one"));
+  write_without_checksum(seed("feature_shard", "one"));
   (void)sfm::write_image_pairs(seed("image_pairs", "three"),
                                std::vector<sfm::ImagePair>{{0, 1}, {0, 2}, {1, 2}});
-  keep_unsummed(seed("image_pairs", "three"));
+  write_without_checksum(seed("image_pairs", "three"));
   sfm::Pair pair;
   pair.second = 1;
   pair.matches = 3;
   pair.view.inliers = {{0, 1}, {2, 2}};
   (void)sfm::write_match_shard(seed("match_shard", "one"), std::vector{pair});
-  keep_unsummed(seed("match_shard", "one"));
+  write_without_checksum(seed("match_shard", "one"));
   sfm::ClusterModels cluster;
   cluster.images = {0, 2, 3, 4, 7};
   cluster.is_own = {1, 1, 0, 1, 0};
@@ -82,7 +82,7 @@ void shards() {
   cluster.models = {sfm::packed(sfm::synthetic_model())};
   cluster.refused = {{0, 2}, {3, 7}};
   (void)sfm::write_cluster_models(seed("cluster_models", "one"), cluster);
-  keep_unsummed(seed("cluster_models", "one"));
+  write_without_checksum(seed("cluster_models", "one"));
 }
 
 void reconstructions() {

@@ -22,8 +22,8 @@ std::vector<std::uint8_t> read(const fs::path& path) {
 
 bool holds(const tarsier::fuzz::Target& target, const fs::path& path) {
   try {
-    const bool taken = tarsier::fuzz::run_target(target, read(path));
-    if (taken || !path.filename().string().starts_with("good")) return true;
+    const bool is_accepted = tarsier::fuzz::run_target(target, read(path));
+    if (is_accepted || !path.filename().string().starts_with("good")) return true;
     std::printf("%s: refused\n", path.c_str());
   } catch (const std::exception& error) {
     std::printf("%s: %s\n", path.c_str(), error.what());

@@ -32,10 +32,10 @@ constexpr std::string_view kVerbs = R"({"verbs":[
   {"names":["--json"],"type":"switch","choices":[],"headless_value":null,"range":null,"values":0,"repeatable":false,"help":""}]}]})";
 
 // A path that was taken from a page's words would not begin with this.
-constexpr std::string_view kPlace = "/workspace/";
+constexpr std::string_view kWorkspace = "/workspace/";
 
 bool is_ours(std::string_view value) {
-  return !value.starts_with('/') || value.starts_with(kPlace);
+  return !value.starts_with('/') || value.starts_with(kWorkspace);
 }
 
 }  // namespace
@@ -43,8 +43,8 @@ bool is_ours(std::string_view value) {
 TARSIER_FUZZ_TARGET(verb_request, kJson) {
   static const web::VerbTable verbs{std::string(kVerbs)};
   const web::References references{
-      [](const std::string&, bool) { return std::string(kPlace) + "file"; },
-      [](const std::string&) { return std::string("0"); }, std::string(kPlace) + "files"};
+      [](const std::string&, bool) { return std::string(kWorkspace) + "file"; },
+      [](const std::string&) { return std::string("0"); }, std::string(kWorkspace) + "files"};
   const auto json = nlohmann::json::parse(text_of(input), nullptr, false);
   if (json.is_discarded()) throw UsageError("no JSON");
   const web::VerbRequest request = web::verb_request(json);

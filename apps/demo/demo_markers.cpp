@@ -39,7 +39,7 @@ std::shared_ptr<const render::Mesh> box_and_ball() {
   for (cv::Vec3f& p : ball.positions) p = 0.4F * p + cv::Vec3f(0, 0, 0.9F);
   append(mesh, ball);
   return std::make_shared<const render::Mesh>(
-      planar::augment::standing(mesh, planar::augment::Up::kZ));
+      planar::augment::upright_mesh(mesh, planar::augment::Up::kZ));
 }
 
 struct Tally {

@@ -5,7 +5,7 @@
 #include "tarsier/sfm/pipelines/reconstructor.h"
 #include "tarsier/sfm/view/render.h"
 #include "tarsier/sfm/view/viewer.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <fmt/format.h>
 
@@ -18,7 +18,7 @@ namespace {
 constexpr int kImages = 9;
 
 // The ground truth model: true cameras, and points on the true surface.
-sfm::Model true_model(const synth::ReliefScene& scene, const sfm::Model& found) {
+sfm::Model true_model(const synth::SfmScene& scene, const sfm::Model& found) {
   sfm::Model model;
   model.cameras = {scene.camera()};
   for (int i = 0; i < scene.count(); ++i) {
@@ -56,7 +56,7 @@ void demo_sfm(Context& context, DemoPage& page) {
   synth::SceneOptions options;
   options.size = {640, 480};
   options.images = kImages;
-  const synth::ReliefScene scene(options);
+  const synth::SfmScene scene(options);
   std::vector<sfm::Input> inputs;
   std::vector<DemoImage> images;
   sfm::PoseTruth truth;

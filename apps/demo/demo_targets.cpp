@@ -83,7 +83,7 @@ void demo_targets(Context& context, DemoPage& page) {
   for (int i = 0; i < frames; ++i) {
     throw_if_stopped(context.stop);
     const cv::Mat drawn = seen_in(session, video.image_at(i / 25.0), false);
-    seen += session.result().seen.empty() ? 0 : 1;
+    seen += session.result().tracked.empty() ? 0 : 1;
     if (i % (frames / 5) == frames / 10)
       strip.push_back(
           page.image(fmt::format("target-video-{}", strip.size() + 1), drawn,

@@ -41,7 +41,7 @@
 #include "tarsier/synth/observed_site.h"
 #include "tarsier/synth/planar_worlds.h"
 #include "tarsier/synth/plates.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 #include "tarsier/synth/street.h"
 
 #include "options_cases.h"

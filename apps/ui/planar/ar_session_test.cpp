@@ -24,7 +24,7 @@ constexpr const char* kVideo = "markers?size=480x360&fps=10&frames=24&cover=0&sp
 
 synth::PlanarVideo truth() {
   synth::PlanarSourceOptions options;
-  options.video.cover = false;
+  options.video.with_occluder = false;
   options.video.speed_px = 8;
   options.video.shutter = 0;
   return synth::planar_source_video(options, {480, 360}, 10, 1);
@@ -39,7 +39,7 @@ planar::MarkerTracker tracker() {
 ArSessionOptions options() {
   ArSessionOptions options;
   options.augment.mesh = std::make_shared<const render::Mesh>(
-      planar::augment::standing(render::make_sphere(16, {0.2F, 0.5F, 0.9F})));
+      planar::augment::upright_mesh(render::make_sphere(16, {0.2F, 0.5F, 0.9F})));
   return options;
 }
 

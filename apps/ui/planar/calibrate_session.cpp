@@ -18,7 +18,7 @@
 namespace tarsier {
 namespace {
 
-using planar::calibration::Verdict;
+using planar::calibration::ViewDecision;
 
 constexpr int kFlash = 8;  // frames that show that a view was accepted
 constexpr double kCoverageTint = 0.22;
@@ -26,21 +26,21 @@ const cv::Scalar kGood(90, 220, 90);
 const cv::Scalar kWait(60, 200, 255);
 const cv::Scalar kPlain(235, 235, 235);
 
-std::string words_of(Verdict verdict) {
-  switch (verdict) {
-    case Verdict::kTaken:
+std::string words_of(ViewDecision decision) {
+  switch (decision) {
+    case ViewDecision::kAccepted:
       return "taken";
-    case Verdict::kReplaced:
+    case ViewDecision::kReplaced:
       return "taken: sharper than before";
-    case Verdict::kNoBoard:
+    case ViewDecision::kNoBoard:
       return "no board seen";
-    case Verdict::kMoving:
+    case ViewDecision::kMoving:
       return "hold the board still";
-    case Verdict::kBlurred:
+    case ViewDecision::kBlurred:
       return "blurred: more light, or hold still";
-    case Verdict::kAlike:
+    case ViewDecision::kTooSimilar:
       return "seen before: move on";
-    case Verdict::kFull:
+    case ViewDecision::kFull:
       break;
   }
   return "that is enough: q ends";
@@ -63,8 +63,8 @@ void CalibrateSession::process(const Frame& frame) {
 }
 
 void CalibrateSession::apply(const planar::CalibratorAnswer& answer) {
-  verdict_ = answer.verdict ? std::string(name_of(*answer.verdict)) : "another size";
-  if (!answer.is_taken()) return;
+  verdict_ = answer.decision ? std::string(name_of(*answer.decision)) : "another size";
+  if (!answer.is_accepted()) return;
   flash_ = kFlash;
   calibrate_now();
 }
@@ -137,11 +137,12 @@ void CalibrateSession::draw_shown(cv::Mat& image) {
   }
   if (!draws_status()) return;
   std::string line = straight_ ? "straightened: lines of the world are straight" : verdict_;
-  for (const Verdict verdict :
-       {Verdict::kTaken, Verdict::kReplaced, Verdict::kNoBoard, Verdict::kMoving, Verdict::kBlurred,
-        Verdict::kAlike, Verdict::kFull}) {
-    if (line == name_of(verdict)) {
-      line = words_of(verdict);
+  for (const ViewDecision decision :
+       {ViewDecision::kAccepted, ViewDecision::kReplaced, ViewDecision::kNoBoard,
+        ViewDecision::kMoving, ViewDecision::kBlurred, ViewDecision::kTooSimilar,
+        ViewDecision::kFull}) {
+    if (line == name_of(decision)) {
+      line = words_of(decision);
       break;
     }
   }

@@ -159,10 +159,10 @@ TEST(CalibrateSessionTest, StillImagesAreViewsOfTheirOwn) {
 TEST(CalibrateSessionTest, FindsABoardInUnevenLightAndKeepsIt) {
   const geometry::Camera camera{480, 360, 408, 408, 240, 180};
   const auto spec = calibrator().options().board;
-  synth::BoardLook look;
-  look.fall_off = 0.8;
+  synth::BoardAppearance appearance;
+  appearance.fall_off = 0.8;
   const cv::Mat image = synth::render_board(
-      camera, synth::board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8), spec, look);
+      camera, synth::board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8), spec, appearance);
   CalibrateSession session(calibrator());
   int seen = 0;
   for (int k = 0; k < 12; ++k) {

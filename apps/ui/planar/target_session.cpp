@@ -75,7 +75,7 @@ bool TargetSession::act(const std::string& name) {
     message_ = fmt::format("{} forgotten", targets.size() - given_);
     targets.resize(given_);
     change(std::move(targets));
-    std::erase_if(result_.seen, [&](const auto& seen) { return seen.target >= given_; });
+    std::erase_if(result_.tracked, [&](const auto& seen) { return seen.target >= given_; });
     return true;
   }
   if (name != "overlay") return false;
@@ -168,7 +168,7 @@ void TargetSession::draw_target(cv::Mat& image,
 
 void TargetSession::draw(cv::Mat& image) {
   if (options_.overlay == TargetOverlay::kNone) return;
-  for (const planar::image_targets::TrackedTarget& s : result_.seen) draw_target(image, s);
+  for (const planar::image_targets::TrackedTarget& s : result_.tracked) draw_target(image, s);
 }
 
 void TargetSession::draw_shown(cv::Mat& image) {
@@ -179,7 +179,7 @@ void TargetSession::draw_shown(cv::Mat& image) {
 
 nlohmann::json TargetSession::state() const {
   auto list = nlohmann::json::array();
-  for (const planar::image_targets::TrackedTarget& s : result_.seen) {
+  for (const planar::image_targets::TrackedTarget& s : result_.tracked) {
     auto corners = nlohmann::json::array();
     for (const cv::Point2d& c : s.corners)
       corners.push_back({std::round(c.x * 10) / 10, std::round(c.y * 10) / 10});
@@ -192,7 +192,7 @@ nlohmann::json TargetSession::state() const {
 }
 
 std::string TargetSession::status() const {
-  return fmt::format("{} of {} images{}", result_.seen.size(), tracker_.targets().size(),
+  return fmt::format("{} of {} images{}", result_.tracked.size(), tracker_.targets().size(),
                      message_.empty() ? "" : ": " + message_);
 }
 

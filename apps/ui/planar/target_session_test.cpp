@@ -125,7 +125,7 @@ TEST(TargetSession, AStillThatIsDrawnOtherwiseGoesToTheSinkAgain) {
   for (const bool still : {true, false}) {
     TargetSession session(planar::TargetTracker({trained(2)}, options));
     const cv::Mat box = session.on_frame(frame_of(f.image_at(0), still), kLive).output.clone();
-    ASSERT_EQ(session.result().seen.size(), 1U);
+    ASSERT_EQ(session.result().tracked.size(), 1U);
     const View none = session.on_event(key_event('v'));
     ASSERT_EQ(none.output.empty(), !still);
     if (still) {

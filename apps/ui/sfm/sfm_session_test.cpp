@@ -2,7 +2,7 @@
 #include "ui/sfm/sfm_session.h"
 
 #include "tarsier/media/testing_folder.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -58,7 +58,7 @@ class SfmSessionTest : public FolderTest {
     options.size = {320, 240};
     options.images = 24;
     options.trajectory = synth::Trajectory::kLine;
-    const synth::ReliefScene scene(options);
+    const synth::SfmScene scene(options);
     camera_ = new geometry::Camera(scene.camera());
     video_ = new std::vector<cv::Mat>();
     for (int i = 0; i < scene.count(); ++i) video_->push_back(scene.render(i));

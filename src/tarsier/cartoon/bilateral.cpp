@@ -64,9 +64,9 @@ bool BilateralPainter::supports(const PaintOptions& options) {
 }
 
 void BilateralPainter::prepare(const PaintOptions& options, std::ptrdiff_t stride) {
-  const Prepared wanted{options.diameter, options.sigma_color, options.sigma_space, stride};
-  if (wanted == prepared_) return;
-  prepared_ = wanted;
+  const Prepared required{options.diameter, options.sigma_color, options.sigma_space, stride};
+  if (required == prepared_) return;
+  prepared_ = required;
   radius_ = options.diameter / 2;
   weights_.clear();
   ring_end_.clear();

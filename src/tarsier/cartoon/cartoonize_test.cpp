@@ -68,17 +68,17 @@ INSTANTIATE_TEST_SUITE_P(Modes, EveryMode, testing::ValuesIn(all_modes()),
                            return name;
                          });
 
-TEST_P(EveryMode, FastLooksLikeTheReference) {
+TEST_P(EveryMode, FastQualityMatchesReference) {
   for (const cv::Size size : {cv::Size(320, 240), cv::Size(161, 97)}) {
     const cv::Mat frame = test_frame(size);
     CartoonOptions options;
     options.mode = GetParam();
-    const cv::Mat wanted = reference::cartoonize(frame, options);
+    const cv::Mat expected = reference::cartoonize(frame, options);
     const cv::Mat fast = run(frame, options);
     ASSERT_EQ(fast.size(), size);
-    EXPECT_GT(cv::PSNR(fast, wanted), 45) << size;
+    EXPECT_GT(cv::PSNR(fast, expected), 45) << size;
     options.quality = Quality::kReference;
-    EXPECT_EQ(cv::norm(run(frame, options), wanted, cv::NORM_INF), 0) << size;
+    EXPECT_EQ(cv::norm(run(frame, options), expected, cv::NORM_INF), 0) << size;
   }
 }
 
@@ -95,7 +95,7 @@ TEST_P(EveryMode, DoesNotDependOnTheNumberOfThreads) {
   EXPECT_EQ(cv::norm(one, two, cv::NORM_INF), 0);
 }
 
-TEST_P(EveryMode, StateMayBeReusedForAnotherSizeAndModeAfterwards) {
+TEST_P(EveryMode, StateIsReusableForAnotherSizeAndMode) {
   CartoonOptions options;
   options.mode = GetParam();
   CartoonState state;
@@ -123,7 +123,7 @@ TEST(Masks, AreBitExact) {
   }
 }
 
-TEST(Masks, OtherConstantsThanTheDefaultsAreTheReferenceToo) {
+TEST(Masks, MatchReferenceWithOtherOptions) {
   CartoonOptions options;
   options.mode = Mode::kSketch;
   options.sketch = {.median_size = 5, .laplacian_size = 3, .threshold = 20, .remove_pepper = false};
@@ -134,7 +134,7 @@ TEST(Masks, OtherConstantsThanTheDefaultsAreTheReferenceToo) {
   EXPECT_EQ(cv::norm(run(frame, options), reference::cartoonize(frame, options), cv::NORM_INF), 0);
 }
 
-TEST(Pepper, LoneSpotsGoAndLinesStay) {
+TEST(Pepper, RemovesIsolatedSpotsAndKeepsLines) {
   cv::Mat mask(20, 30, CV_8UC1, cv::Scalar(255));
   mask.at<std::uint8_t>(8, 8) = 0;
   cv::rectangle(mask, {20, 10, 2, 2}, 0, cv::FILLED);
@@ -154,7 +154,7 @@ TEST(Paint, UnusualSigmaFallsBackToOpenCv) {
   EXPECT_EQ(cv::norm(run(frame, options), reference::cartoonize(frame, options), cv::NORM_INF), 0);
 }
 
-TEST(Alien, SkinTurnsGreenAndTheRestDoesNot) {
+TEST(Alien, ColorsOnlySkin) {
   const cv::Mat frame = test_frame();
   CartoonOptions options;
   options.mode = Mode::kPaint;
@@ -219,7 +219,7 @@ TEST(Steady, MovingEdgesDoNotTrail) {
   EXPECT_LT(share_of_difference(last, run(frame, options)), 0.002);
 }
 
-TEST(Steady, ForgetsOnReset) {
+TEST(Steady, ResetDiscardsHistory) {
   CartoonOptions options;
   options.steady.on = true;
   CartoonState state;
@@ -239,7 +239,7 @@ class Names : public DebugSink {
   std::vector<std::string> names;
 };
 
-TEST(Debug, EveryStageIsShownOnce) {
+TEST(Debug, ReportsEveryStageOnce) {
   CartoonOptions options;
   options.mode = Mode::kAlien;
   CartoonState state;
@@ -252,7 +252,7 @@ TEST(Debug, EveryStageIsShownOnce) {
   EXPECT_THAT(timers.report(), HasSubstr("bilateral"));
 }
 
-TEST(Buffers, StayWhereTheyAreFromFrameToFrame) {
+TEST(Buffers, AreReusedBetweenFrames) {
   CartoonOptions options;
   CartoonState state;
   const auto* first = cartoonize(test_frame(), options, state).data;
@@ -260,7 +260,7 @@ TEST(Buffers, StayWhereTheyAreFromFrameToFrame) {
   EXPECT_EQ(first, second);
 }
 
-TEST(Buffers, AnImageThatTheCallerKeepsIsNotOverwritten) {
+TEST(Buffers, DoNotOverwriteHeldImage) {
   CartoonOptions options;
   CartoonState state;
   const cv::Mat kept = cartoonize(test_frame({64, 64}, 1), options, state);
@@ -269,7 +269,7 @@ TEST(Buffers, AnImageThatTheCallerKeepsIsNotOverwritten) {
   EXPECT_EQ(cv::norm(kept, copy, cv::NORM_INF), 0);
 }
 
-TEST(Options, OutOfRangeIsNamed) {
+TEST(Options, ErrorsNameValueOutOfRange) {
   CartoonOptions options;
   options.paint.diameter = 8;
   try {
@@ -282,7 +282,7 @@ TEST(Options, OutOfRangeIsNamed) {
   for (const Mode mode : all_modes()) EXPECT_EQ(parse_mode(name_of(mode)), mode);
 }
 
-TEST(Options, FramesThatAreNoneAreRefused) {
+TEST(Options, RejectInvalidFrames) {
   CartoonState state;
   EXPECT_THROW((void)cartoonize(cv::Mat(), {}, state), std::invalid_argument);
   EXPECT_THROW((void)cartoonize(cv::Mat(100, 100, CV_8UC1, cv::Scalar(0)), {}, state),
@@ -291,7 +291,7 @@ TEST(Options, FramesThatAreNoneAreRefused) {
                std::invalid_argument);
 }
 
-TEST(Reference, ItsPaintingCanBeInterrupted) {
+TEST(Reference, PaintingIsInterruptible) {
   std::stop_source source;
   source.request_stop();
   CartoonState state;

@@ -49,7 +49,7 @@ CartoonOptions steady_sketch() {
 
 bool same(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
 
-TEST(Cartoonizer, DrawsAsCartoonizeDoes) {
+TEST(Cartoonizer, MatchesCartoonize) {
   for (const Mode mode : all_modes()) {
     CartoonOptions options;
     options.mode = mode;
@@ -63,7 +63,7 @@ TEST(Cartoonizer, DrawsAsCartoonizeDoes) {
   }
 }
 
-TEST(Cartoonizer, TellsModeTimeAndFaces) {
+TEST(Cartoonizer, ResultHasModeTimeAndFaces) {
   CartoonResult result;
   result.mode = Mode::kEvilSketch;
   result.ms = 1.23456;
@@ -73,7 +73,7 @@ TEST(Cartoonizer, TellsModeTimeAndFaces) {
 
 // --- state between frames ---
 
-TEST(Cartoonizer, RemembersTheFramesOfAVideoAndForgetsThemInAnother) {
+TEST(Cartoonizer, ResetsHistoryForAnotherVideo) {
   const auto cartoonizer = Cartoonizer::load({}, steady_sketch());
   const auto fresh = [&](const Frame& frame) {
     CartoonizerState state;
@@ -109,7 +109,7 @@ TEST(Cartoonizer, DrawsAFrameAgainWithOtherOptions) {
                    cartoonizer.process(frame_of(5), twice).image));
 }
 
-TEST(Cartoonizer, LeavesAnImageThatIsHeld) {
+TEST(Cartoonizer, DoesNotOverwriteHeldImage) {
   const auto cartoonizer = Cartoonizer::load({}, {});
   CartoonizerState state;
   const CartoonResult held = cartoonizer.process(frame_of(0), state);
@@ -123,7 +123,7 @@ TEST(Cartoonizer, LeavesAnImageThatIsHeld) {
 
 // --- checks of the input ---
 
-TEST(Cartoonizer, NamesAFrameThatIsTooSmall) {
+TEST(Cartoonizer, RejectsTooSmallFrame) {
   const auto cartoonizer = Cartoonizer::load({}, {});
   CartoonizerState state;
   Frame frame = frame_of();
@@ -145,7 +145,7 @@ TEST(Cartoonizer, NamesAFrameThatIsTooSmall) {
 
 class FaceCascade : public FolderTest {};
 
-TEST_F(FaceCascade, IsLookedForBeforeTheFirstFrame) {
+TEST_F(FaceCascade, IsRequiredBeforeFirstFrame) {
   CartoonOptions options;
   options.mode = Mode::kAlien;
   options.skin.face = FaceMode::kAuto;
@@ -158,14 +158,14 @@ TEST_F(FaceCascade, IsLookedForBeforeTheFirstFrame) {
   EXPECT_EQ(cartoonizer.options().mode, Mode::kCartoon) << "options that are refused are not taken";
 }
 
-TEST_F(FaceCascade, OfTheStoreGoesFirst) {
-  const std::string usual = face::find_cascade(Cartoonizer::kFaceCascade);
-  if (usual.empty()) GTEST_SKIP() << "no cascade files (Debian: opencv-data)";
+TEST_F(FaceCascade, OfStoreTakesPrecedence) {
+  const std::string default_cascade = face::find_cascade(Cartoonizer::kFaceCascade);
+  if (default_cascade.empty()) GTEST_SKIP() << "no cascade files (Debian: opencv-data)";
   CartoonOptions options;
   options.mode = Mode::kAlien;
   options.skin.face = FaceMode::kAuto;
   EXPECT_EQ(Cartoonizer::load(ModelStore(folder_), options).options().skin.cascade, "");
-  std::filesystem::copy_file(usual, path(Cartoonizer::kFaceCascade));
+  std::filesystem::copy_file(default_cascade, path(Cartoonizer::kFaceCascade));
   const auto cartoonizer = Cartoonizer::load(ModelStore(folder_), options);
   EXPECT_EQ(cartoonizer.options().skin.cascade, path(Cartoonizer::kFaceCascade));
   CartoonizerState state;

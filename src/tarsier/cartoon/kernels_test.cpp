@@ -84,8 +84,8 @@ class KernelTest : public testing::TestWithParam<std::tuple<SimdLevel, std::pair
     }
   }
 
-  void expect_output(const cv::Mat& wanted) {
-    EXPECT_EQ(cv::norm(output_.view(), wanted, cv::NORM_INF), 0);
+  void expect_output(const cv::Mat& expected) {
+    EXPECT_EQ(cv::norm(output_.view(), expected, cv::NORM_INF), 0);
   }
 
   const Kernels* kernels_ = nullptr;
@@ -105,27 +105,27 @@ TEST_P(KernelTest, Median7IsExact) {
   run<7>(true, [&](const std::uint8_t* const* rows, std::uint8_t* out) {
     kernels_->median7_row(rows, out, image_.cols, scratch.data(), input_.stride());
   });
-  cv::Mat wanted;
-  cv::medianBlur(image_, wanted, 7);
-  expect_output(wanted);
+  cv::Mat expected;
+  cv::medianBlur(image_, expected, 7);
+  expect_output(expected);
 }
 
 TEST_P(KernelTest, Median3IsExact) {
   run<3>(true, [&](const std::uint8_t* const* rows, std::uint8_t* out) {
     kernels_->median3_row(rows, out, image_.cols);
   });
-  cv::Mat wanted;
-  cv::medianBlur(image_, wanted, 3);
-  expect_output(wanted);
+  cv::Mat expected;
+  cv::medianBlur(image_, expected, 3);
+  expect_output(expected);
 }
 
 TEST_P(KernelTest, LaplacianIsExact) {
   run<5>(false, [&](const std::uint8_t* const* rows, std::uint8_t* out) {
     kernels_->laplacian5_row(rows, out, image_.cols);
   });
-  cv::Mat wanted;
-  cv::Laplacian(image_, wanted, CV_8U, 5);
-  expect_output(wanted);
+  cv::Mat expected;
+  cv::Laplacian(image_, expected, CV_8U, 5);
+  expect_output(expected);
 }
 
 TEST_P(KernelTest, ScharrIsTheSumOfBothDirections) {
@@ -133,16 +133,16 @@ TEST_P(KernelTest, ScharrIsTheSumOfBothDirections) {
     run<3>(false, [&](const std::uint8_t* const* rows, std::uint8_t* out) {
       kernels_->scharr_row(rows, out, image_.cols, both_axes);
     });
-    cv::Mat wanted;
-    cv::Scharr(image_, wanted, CV_8U, 1, 0);
+    cv::Mat expected;
+    cv::Scharr(image_, expected, CV_8U, 1, 0);
     for (const auto& [dx, dy, scale] :
          {std::tuple(1, 0, -1.0), std::tuple(0, 1, 1.0), std::tuple(0, 1, -1.0)}) {
       if (dy == 1 && !both_axes) continue;
       cv::Mat part;
       cv::Scharr(image_, part, CV_8U, dx, dy, scale);
-      wanted += part;
+      expected += part;
     }
-    expect_output(wanted);
+    expect_output(expected);
   }
 }
 
@@ -151,9 +151,9 @@ TEST_P(KernelTest, ThresholdCountsEqualAsBelow) {
     for (int y = 0; y < image_.rows; ++y) {
       kernels_->threshold_inverse_row(input_.row(y), output_.row(y), image_.cols, threshold);
     }
-    cv::Mat wanted;
-    cv::threshold(image_, wanted, threshold, 255, cv::THRESH_BINARY_INV);
-    expect_output(wanted);
+    cv::Mat expected;
+    cv::threshold(image_, expected, threshold, 255, cv::THRESH_BINARY_INV);
+    expect_output(expected);
   }
 }
 
@@ -176,7 +176,7 @@ TEST_P(KernelTest, PixelsAreSplitAndJoined) {
   }
 }
 
-TEST_P(KernelTest, BlendIsTheFormula) {
+TEST_P(KernelTest, BlendMatchesFormula) {
   const cv::Mat sharp = test_image(image_.size(), 3, 12);
   const cv::Mat soft = test_image(image_.size(), 3, 13);
   const int width = image_.cols;
@@ -192,18 +192,18 @@ TEST_P(KernelTest, BlendIsTheFormula) {
     kernels_->blend_row(sharp.ptr(y), soft.ptr(y), weight.data(), out.data(), width);
     for (int i = 0; i < 3 * width; ++i) {
       const int from = sharp.ptr(y)[i];
-      const int wanted =
+      const int expected =
           from + ((soft.ptr(y)[i] - from) * weight[static_cast<size_t>(i / 3)] + 127) / 255;
-      ASSERT_EQ(out[static_cast<size_t>(i)], wanted) << i;
+      ASSERT_EQ(out[static_cast<size_t>(i)], expected) << i;
     }
     EXPECT_EQ(out.back(), 77) << "written behind the row";
   }
 }
 
-TEST_P(KernelTest, EnlargedRowsAreThoseOfOpenCv) {
+TEST_P(KernelTest, EnlargedRowsMatchOpenCv) {
   const cv::Mat small = test_image(image_.size(), 3, 14);
-  cv::Mat wanted;
-  cv::resize(small, wanted, {2 * small.cols, 2 * small.rows}, 0, 0, cv::INTER_LINEAR);
+  cv::Mat expected;
+  cv::resize(small, expected, {2 * small.cols, 2 * small.rows}, 0, 0, cv::INTER_LINEAR);
   const int width = small.cols;
   std::vector<Plane> planes(3);
   for (Plane& plane : planes) plane.resize(width, small.rows);
@@ -227,41 +227,41 @@ TEST_P(KernelTest, EnlargedRowsAreThoseOfOpenCv) {
       far[c] = planes[c].row(far_y);
     }
     kernels_->enlarge_row(near, far, nullptr, out.data(), width);
-    EXPECT_EQ(std::memcmp(out.data(), wanted.ptr(y), static_cast<size_t>(6 * width)), 0) << y;
+    EXPECT_EQ(std::memcmp(out.data(), expected.ptr(y), static_cast<size_t>(6 * width)), 0) << y;
     kernels_->enlarge_row(near, far, mask.row(0), out.data(), width);
     for (int i = 0; i < 6 * width; ++i) {
-      ASSERT_EQ(out[static_cast<size_t>(i)], i / 3 % 7 == 3 ? 0 : wanted.ptr(y)[i]) << y;
+      ASSERT_EQ(out[static_cast<size_t>(i)], i / 3 % 7 == 3 ? 0 : expected.ptr(y)[i]) << y;
     }
     EXPECT_EQ(out.back(), 77) << "written behind the row";
   }
 }
 
-TEST_P(KernelTest, EnlargedPlanesAreThoseOfOpenCv) {
-  cv::Mat wanted;
-  cv::resize(image_, wanted, {2 * image_.cols, 2 * image_.rows}, 0, 0, cv::INTER_LINEAR);
+TEST_P(KernelTest, EnlargedPlanesMatchOpenCv) {
+  cv::Mat expected;
+  cv::resize(image_, expected, {2 * image_.cols, 2 * image_.rows}, 0, 0, cv::INTER_LINEAR);
   for (int y = 0; y < image_.rows; ++y) input_.extend_row_by_copies(y, 1);
   input_.extend_height_by_copies(1);
   std::vector<std::uint8_t> out(static_cast<size_t>(2 * (image_.cols + kRowSlack)));
-  for (int y = 0; y < wanted.rows; ++y) {
+  for (int y = 0; y < expected.rows; ++y) {
     kernels_->enlarge_plane_row(input_.row(y / 2), input_.row(y % 2 == 0 ? y / 2 - 1 : y / 2 + 1),
                                 out.data(), image_.cols);
-    EXPECT_EQ(std::memcmp(out.data(), wanted.ptr(y), static_cast<size_t>(wanted.cols)), 0) << y;
+    EXPECT_EQ(std::memcmp(out.data(), expected.ptr(y), static_cast<size_t>(expected.cols)), 0) << y;
   }
 }
 
-TEST(Enlarger, IsTheResizeOfOpenCvWithLines) {
+TEST(Enlarger, MatchesOpenCvResizeWithLines) {
   for (const cv::Size size : {cv::Size(130, 66), cv::Size(131, 67), cv::Size(16, 16)}) {
     const cv::Mat small = test_image({size.width / 2, size.height / 2}, 3, 15);
-    cv::Mat wanted;
-    cv::resize(small, wanted, size, 0, 0, cv::INTER_LINEAR);
+    cv::Mat expected;
+    cv::resize(small, expected, size, 0, 0, cv::INTER_LINEAR);
     Enlarger enlarger;
     cv::Mat large(size, CV_8UC3);
     enlarger.enlarge(small, nullptr, large);
-    EXPECT_EQ(cv::norm(large, wanted, cv::NORM_INF), 0) << size;
+    EXPECT_EQ(cv::norm(large, expected, cv::NORM_INF), 0) << size;
     Plane mask = plane_of(test_image(size, 1, 16) > 128);
-    wanted.setTo(cv::Scalar::all(0), mask.view() == 0);
+    expected.setTo(cv::Scalar::all(0), mask.view() == 0);
     enlarger.enlarge(small, &mask, large);
-    EXPECT_EQ(cv::norm(large, wanted, cv::NORM_INF), 0) << size;
+    EXPECT_EQ(cv::norm(large, expected, cv::NORM_INF), 0) << size;
   }
 }
 
@@ -292,24 +292,25 @@ TEST(BilateralPainter, AllInstructionSetsGiveTheSameBytes) {
   }
 }
 
-TEST(BilateralPainter, IsTheBilateralFilterOfOpenCv) {
+TEST(BilateralPainter, MatchesOpenCvBilateralFilter) {
   cv::Mat image = test_image({320, 240}, 3, 5);
   cv::GaussianBlur(image, image, {5, 5}, 1.2);
   for (const PaintOptions& options :
        {PaintOptions{}, PaintOptions{.diameter = 5, .sigma_color = 4, .sigma_space = 2},
         PaintOptions{.diameter = 13, .sigma_color = 3, .sigma_space = 5}}) {
     ASSERT_TRUE(BilateralPainter::supports(options));
-    cv::Mat wanted;
-    cv::bilateralFilter(image, wanted, options.diameter, options.sigma_color, options.sigma_space);
+    cv::Mat expected;
+    cv::bilateralFilter(image, expected, options.diameter, options.sigma_color,
+                        options.sigma_space);
     cv::Mat painted = image.clone();
     BilateralPainter().paint(painted, options, 1);
     // After one pass, weights in 127 steps may change a value by 1 at most.
-    EXPECT_LE(cv::norm(painted, wanted, cv::NORM_INF), 1) << options.diameter;
-    EXPECT_GT(cv::PSNR(painted, wanted), 55) << options.diameter;
+    EXPECT_LE(cv::norm(painted, expected, cv::NORM_INF), 1) << options.diameter;
+    EXPECT_GT(cv::PSNR(painted, expected), 55) << options.diameter;
   }
 }
 
-TEST(BilateralPainter, WeightsThatDoNotFitAreRefused) {
+TEST(BilateralPainter, RejectsUnsupportedWeights) {
   EXPECT_FALSE(BilateralPainter::supports({.sigma_color = 25}));
   cv::Mat image(20, 20, CV_8UC3, cv::Scalar::all(9));
   EXPECT_THROW(BilateralPainter().paint(image, {.sigma_color = 25}, 1), std::invalid_argument);
@@ -320,12 +321,12 @@ TEST(BilateralPainter, SumsCannotOverflow) {
   for (const int step : {3, 9, 12, 31}) {
     cv::Mat image(33, 33, CV_8UC3, cv::Scalar::all(100));
     image.at<cv::Vec3b>(16, 16) = {static_cast<std::uint8_t>(100 + step), 100, 100};
-    cv::Mat wanted;
-    cv::bilateralFilter(image, wanted, 9, 9, 7);
+    cv::Mat expected;
+    cv::bilateralFilter(image, expected, 9, 9, 7);
     BilateralPainter().paint(image, {}, 1);
     // 48 weights below half a step are rounded to 0: at most 4 levels of error. An overflow would
     // give errors of tens of levels.
-    EXPECT_LE(cv::norm(image, wanted, cv::NORM_INF), 4) << step;
+    EXPECT_LE(cv::norm(image, expected, cv::NORM_INF), 4) << step;
   }
 }
 

@@ -68,16 +68,16 @@ cv::Mat find_skin(const cv::Mat& painting, const cv::Mat& response, const SkinOp
 SkinColor learn_skin_color(const cv::Mat& ycrcb, const cv::Rect& face) {
   require_bgr(ycrcb);
   // Below the eyes, above the mouth, within the cheeks.
-  const cv::Rect middle = clipped({face.x + face.width / 5, face.y + face.height * 45 / 100,
-                                   face.width * 3 / 5, std::max(1, face.height / 4)},
-                                  ycrcb.size());
-  TARSIER_REQUIRE(!middle.empty(), "face {}x{} at {},{} is outside the image", face.width,
+  const cv::Rect center_region = clipped({face.x + face.width / 5, face.y + face.height * 45 / 100,
+                                          face.width * 3 / 5, std::max(1, face.height / 4)},
+                                         ycrcb.size());
+  TARSIER_REQUIRE(!center_region.empty(), "face {}x{} at {},{} is outside the image", face.width,
                   face.height, face.x, face.y);
   std::vector<std::uint8_t> cr;
   std::vector<std::uint8_t> cb;
-  for (int y = middle.y; y < middle.br().y; ++y) {
+  for (int y = center_region.y; y < center_region.br().y; ++y) {
     const auto* row = ycrcb.ptr<cv::Vec3b>(y);
-    for (int x = middle.x; x < middle.br().x; ++x) {
+    for (int x = center_region.x; x < center_region.br().x; ++x) {
       cr.push_back(row[x][1]);
       cb.push_back(row[x][2]);
     }
@@ -85,14 +85,15 @@ SkinColor learn_skin_color(const cv::Mat& ycrcb, const cv::Rect& face) {
   const double cr_median = upper_median(cr);
   const double cb_median = upper_median(cb);
   // Covariance of the nearer half, which excludes glasses, the nose's shadow and a beard.
-  constexpr double kNear = 12;      // grey levels
-  constexpr double kFloor = 3 * 3;  // added to each variance: noise and paint make flat patches
+  constexpr double kMaxDeviation = 12;  // grey levels
+  constexpr double kMinVariance =
+      3 * 3;  // added to each variance: noise and paint make flat patches
   double sum[5] = {0, 0, 0, 0, 0};
   double count = 0;
   for (size_t i = 0; i < cr.size(); ++i) {
     const double u = cr[i] - cr_median;
     const double v = cb[i] - cb_median;
-    if (std::abs(u) > kNear || std::abs(v) > kNear) continue;
+    if (std::abs(u) > kMaxDeviation || std::abs(v) > kMaxDeviation) continue;
     count += 1;
     sum[0] += u;
     sum[1] += v;
@@ -103,8 +104,8 @@ SkinColor learn_skin_color(const cv::Mat& ycrcb, const cv::Rect& face) {
   count = std::max(count, 1.0);
   const double u = sum[0] / count;
   const double v = sum[1] / count;
-  const cv::Matx22d covariance(sum[2] / count - u * u + kFloor, sum[3] / count - u * v,
-                               sum[3] / count - u * v, sum[4] / count - v * v + kFloor);
+  const cv::Matx22d covariance(sum[2] / count - u * u + kMinVariance, sum[3] / count - u * v,
+                               sum[3] / count - u * v, sum[4] / count - v * v + kMinVariance);
   return {{cr_median + u, cb_median + v}, covariance.inv()};
 }
 
@@ -162,8 +163,9 @@ void color_skin(cv::Mat& painting, const cv::Mat& skin, const SkinOptions& optio
     const auto* is_skin = skin.ptr(y);
     for (int x = 0; x < painting.cols; ++x) {
       if (is_skin[x] == 0) continue;
-      const double own = 0.114 * row[x][0] + 0.587 * row[x][1] + 0.299 * row[x][2];
-      for (int k = 0; k < 3; ++k) row[x][k] = cv::saturate_cast<std::uint8_t>(own + c[k] - luma);
+      const double old_luma = 0.114 * row[x][0] + 0.587 * row[x][1] + 0.299 * row[x][2];
+      for (int k = 0; k < 3; ++k)
+        row[x][k] = cv::saturate_cast<std::uint8_t>(old_luma + c[k] - luma);
     }
   }
 }
@@ -174,9 +176,10 @@ cv::Rect smoothed_area(const cv::Mat& skin) {
   if (box.empty()) return {};
   // Closing reaches 1 px beyond the skin, the blur another 2 px, enlarging 1 px. A border of zeros
   // must remain, because each of these steps reads beyond its region.
-  constexpr int kRoom = 8;
-  return clipped({box.x - kRoom, box.y - kRoom, box.width + 2 * kRoom, box.height + 2 * kRoom},
-                 skin.size());
+  constexpr int kMargin = 8;
+  return clipped(
+      {box.x - kMargin, box.y - kMargin, box.width + 2 * kMargin, box.height + 2 * kMargin},
+      skin.size());
 }
 
 void smooth_skin(const cv::Mat& frame, const cv::Mat& enlarged, const cv::Mat& skin,

@@ -31,7 +31,7 @@ TEST(Skin, EdgesBoundTheFill) {
   EXPECT_EQ(skin.at<std::uint8_t>(60, 80 + 50), 0) << "the edge itself is no skin";
 }
 
-TEST(Skin, LearnedColourFollowsThePersonNotTheWall) {
+TEST(Skin, LearnedColorSelectsFaceNotBackground) {
   cv::Mat painting(120, 160, CV_8UC3, cv::Scalar(140, 140, 140));
   cv::ellipse(painting, {80, 60}, {28, 38}, 0, 0, 360, kSkin, cv::FILLED);
   cv::circle(painting, {70, 50}, 4, {20, 20, 20}, cv::FILLED);
@@ -47,7 +47,7 @@ TEST(Skin, LearnedColourFollowsThePersonNotTheWall) {
 }
 
 // Cr and Cb are anticorrelated, as for skin in light and shadow.
-TEST(Skin, LearnedColourKnowsHowCrAndCbChangeTogether) {
+TEST(Skin, LearnedColorUsesCovarianceOfCrAndCb) {
   cv::Mat ycrcb(104, 104, CV_8UC3);
   for (int y = 0; y < ycrcb.rows; ++y) {
     for (int x = 0; x < ycrcb.cols; ++x) {
@@ -65,7 +65,7 @@ TEST(Skin, LearnedColourKnowsHowCrAndCbChangeTogether) {
     EXPECT_NEAR(color.inverse_covariance.val[k], expected.val[k], 0.004) << k;
 }
 
-TEST(Skin, AFaceOutsideTheImageIsACallersMistake) {
+TEST(Skin, RejectsFaceOutsideImage) {
   const cv::Mat ycrcb(50, 50, CV_8UC3, cv::Scalar::all(128));
   EXPECT_THROW((void)learn_skin_color(ycrcb, {60, 60, 20, 20}), std::invalid_argument);
 }
@@ -95,7 +95,7 @@ TEST(Skin, TintKeepsTheBrightness) {
 
 // Only a part of the image is processed. The limits of this part must not be visible, also at image
 // borders. Pixels of the painting outside it are not read.
-TEST(Skin, SmoothingIsTheFormulaOverTheWholeImage) {
+TEST(Skin, SmoothingMatchesFormulaOverWholeImage) {
   Rng rng(3);
   const cv::Size small(97, 61);
   cv::Mat frame(2 * small.height, 2 * small.width, CV_8UC3);
@@ -126,8 +126,9 @@ TEST(Skin, SmoothingIsTheFormulaOverTheWholeImage) {
     for (int y = 0; y < frame.rows; ++y) {
       for (int i = 0; i < 3 * frame.cols; ++i) {
         const int from = frame.ptr(y)[i];
-        const int wanted = from + ((painting.ptr(y)[i] - from) * weight.ptr(y)[i / 3] + 127) / 255;
-        ASSERT_EQ(result.ptr(y)[i], wanted) << face << " at " << i / 3 << ", " << y;
+        const int expected =
+            from + ((painting.ptr(y)[i] - from) * weight.ptr(y)[i / 3] + 127) / 255;
+        ASSERT_EQ(result.ptr(y)[i], expected) << face << " at " << i / 3 << ", " << y;
       }
     }
   }

@@ -52,7 +52,7 @@ std::size_t utf8_length(std::string_view text, std::size_t at) {
   return 0;
 }
 
-std::string place_of(std::string_view text, std::size_t at) {
+std::string position_text(std::string_view text, std::size_t at) {
   const std::string_view before = text.substr(0, std::min(at, text.size()));
   const auto line = std::count(before.begin(), before.end(), '\n') + 1;
   const std::size_t start = before.rfind('\n');
@@ -99,8 +99,8 @@ bool is_name(std::string_view text, std::size_t end) {
 
 // What makes a text dangerous for a parser; empty if nothing. One pass, no recursion. Lists the
 // long texts.
-std::string find_danger(std::string_view text, const ArchiveLimits& limits,
-                        std::vector<LongText>& long_texts) {
+std::string limit_violation(std::string_view text, const ArchiveLimits& limits,
+                            std::vector<LongText>& long_texts) {
   if (static_cast<std::uint64_t>(text.size()) > static_cast<std::uint64_t>(limits.max_bytes)) {
     return fmt::format("{} bytes are more than the limit of {}", text.size(), limits.max_bytes);
   }
@@ -110,7 +110,7 @@ std::string find_danger(std::string_view text, const ArchiveLimits& limits,
   bool in_text = false;
   for (std::size_t at = 0; at < text.size();) {
     const std::size_t length = utf8_length(text, at);
-    if (length == 0) return fmt::format("{}: not UTF-8", place_of(text, at));
+    if (length == 0) return fmt::format("{}: not UTF-8", position_text(text, at));
     const char c = text[at];
     if (in_text) {
       if (c == '\\' && at + 1 < text.size()) {
@@ -131,7 +131,7 @@ std::string find_danger(std::string_view text, const ArchiveLimits& limits,
     } else if (c == '[' || c == '{') {
       ++values;
       if (++depth > limits.max_depth) {
-        return fmt::format("{}: nested deeper than {}", place_of(text, at), limits.max_depth);
+        return fmt::format("{}: nested deeper than {}", position_text(text, at), limits.max_depth);
       }
     } else if (c == ']' || c == '}') {
       --depth;
@@ -156,7 +156,7 @@ std::string without_long_texts(std::string_view text, const std::vector<LongText
 }
 
 // Converts a position in that text to a position in the whole text.
-std::size_t place_in_whole(std::size_t at, const std::vector<LongText>& long_texts) {
+std::size_t position_in_original(std::size_t at, const std::vector<LongText>& long_texts) {
   for (const LongText& part : long_texts) {
     if (at < part.begin) break;
     at += part.end - part.begin;
@@ -190,17 +190,17 @@ std::pair<json, std::string> parse(std::string_view text, const ArchiveLimits& l
                   "limits of {} bytes, depth {}, {} values", limits.max_bytes, limits.max_depth,
                   limits.max_values);
   std::vector<LongText> long_texts;
-  std::string danger = find_danger(text, limits, long_texts);
-  if (!danger.empty()) return {json(), std::move(danger)};
+  std::string violation = limit_violation(text, limits, long_texts);
+  if (!violation.empty()) return {json(), std::move(violation)};
   if (text.find_first_not_of(" \t\r\n") == std::string_view::npos) return {json(), "empty"};
   try {
     const std::string shortened = long_texts.empty() ? "" : without_long_texts(text, long_texts);
     return {with_long_texts(long_texts.empty() ? text : shortened, text, long_texts), ""};
   } catch (const json::parse_error& error) {
-    const std::size_t at = place_in_whole(error.byte > 0 ? error.byte - 1 : 0, long_texts);
+    const std::size_t at = position_in_original(error.byte > 0 ? error.byte - 1 : 0, long_texts);
     if (at >= text.size()) return {json(), "ends too early: not complete JSON"};
     const std::string_view rest = text.substr(at, 16);
-    return {json(), fmt::format("{}: not JSON at \"{}\"", place_of(text, at),
+    return {json(), fmt::format("{}: not JSON at \"{}\"", position_text(text, at),
                                 printable(rest.substr(0, rest.find('\n'))))};
   } catch (const json::exception&) {
     return {json(), "a number is out of range"};

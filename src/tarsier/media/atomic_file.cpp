@@ -132,8 +132,9 @@ struct Temporary {
 std::string temporary_name(const std::string& target, std::random_device& random) {
   const fs::path file = fs::path(target).filename();
   const std::string stem = file.stem().string().substr(0, 180);  // names end at 255 bytes
-  const std::string ending = file.extension().string().substr(0, 32);
-  const std::string name = fmt::format(".{}{}{:06x}{}", stem, kMark, random() & 0xFFFFFFU, ending);
+  const std::string extension = file.extension().string().substr(0, 32);
+  const std::string name =
+      fmt::format(".{}{}{:06x}{}", stem, kMark, random() & 0xFFFFFFU, extension);
   return (folder_of(target) / name).string();
 }
 
@@ -296,10 +297,10 @@ void make_folder(const std::string& path) {
   if (path.empty()) throw OutputError("\"\"", "no folder name given");
   std::error_code error;
   fs::create_directories(path, error);
-  std::error_code looked;
-  if (fs::is_directory(path, looked)) return;
-  if (fs::exists(path, looked)) throw OutputError(path, "exists and is not a folder");
-  throw OutputError(path, "cannot create the folder: " + (error ? error : looked).message());
+  std::error_code exists_error;
+  if (fs::is_directory(path, exists_error)) return;
+  if (fs::exists(path, exists_error)) throw OutputError(path, "exists and is not a folder");
+  throw OutputError(path, "cannot create the folder: " + (error ? error : exists_error).message());
 }
 
 }  // namespace tarsier

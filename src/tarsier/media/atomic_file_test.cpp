@@ -61,7 +61,7 @@ TEST_F(AtomicFileTest, RemovesLeftoversOfAKilledProgram) {
 }
 
 // A file that may hold hours of work is reported and not removed.
-TEST_F(AtomicFileTest, KeepsLargeLeftoversAndNamesThem) {
+TEST_F(AtomicFileTest, KeepsLargeAbandonedFilesWithWarning) {
   const std::string video = path(".video.tarsier-00ab12.mp4");
   const std::string model = path(".model.tarsier-00ab12");
   std::ofstream(video) << "video";
@@ -73,16 +73,16 @@ TEST_F(AtomicFileTest, KeepsLargeLeftoversAndNamesThem) {
   fs::resize_file(path(".small.tarsier-00ab12.mp4"), 10'000'000);
   testing::internal::CaptureStderr();
   write_file_atomically(path("a.png"), std::string_view("whole"));
-  const std::string said = testing::internal::GetCapturedStderr();
-  EXPECT_THAT(said, HasSubstr(video + ": left by a program that was killed (10 MB)"));
-  EXPECT_THAT(said, HasSubstr(model + ": left by a program that was killed (12 MB)"));
-  EXPECT_THAT(said, testing::Not(HasSubstr("small")));
+  const std::string log_output = testing::internal::GetCapturedStderr();
+  EXPECT_THAT(log_output, HasSubstr(video + ": left by a program that was killed (10 MB)"));
+  EXPECT_THAT(log_output, HasSubstr(model + ": left by a program that was killed (12 MB)"));
+  EXPECT_THAT(log_output, testing::Not(HasSubstr("small")));
   EXPECT_TRUE(fs::exists(video));
   EXPECT_TRUE(fs::exists(model + "/deep/points"));
   EXPECT_FALSE(fs::exists(path(".small.tarsier-00ab12.mp4")));
 }
 
-TEST_F(AtomicFileTest, ItsTemporaryFileIsLocked) {
+TEST_F(AtomicFileTest, LocksTemporaryFile) {
   const AtomicFile file(path("a.mp4"));
   const int other = ::open(file.path().c_str(), O_RDONLY | O_CLOEXEC);
   EXPECT_NE(::flock(other, LOCK_EX | LOCK_NB), 0);
@@ -143,7 +143,7 @@ TEST_F(AtomicFileTest, WithoutCommitLeavesNoFile) {
   EXPECT_EQ(files(), 1U);
 }
 
-TEST_F(AtomicFileTest, ALimitOnFileSizeLeavesTheOldFile) {
+TEST_F(AtomicFileTest, FileSizeLimitKeepsOldFile) {
   write_file_atomically(path("a"), std::string_view("old"));
   // As on a full disk: the write fails in the middle.
   struct ::rlimit before {};
@@ -177,7 +177,7 @@ TEST_F(AtomicFileTest, DevicesAndPipesAreWrittenDirectly) {
   EXPECT_TRUE(fs::is_fifo(path("pipe")));
 }
 
-TEST_F(AtomicFileTest, ALinkStaysALink) {
+TEST_F(AtomicFileTest, KeepsSymbolicLinks) {
   write_file_atomically(path("real"), std::string_view("old"));
   fs::create_symlink("real", path("link"));
   write_file_atomically(path("link"), std::string_view("new"));

@@ -97,14 +97,14 @@ class ChildBackend final : public LiveBackend {
   }
   [[nodiscard]] std::string detail() const override { return detail_; }
   [[nodiscard]] double fps() const override { return records_.fps(); }
-  [[nodiscard]] bool may_wake_up() const override { return command_.is_network; }
+  [[nodiscard]] bool may_recover() const override { return command_.is_network; }
   [[nodiscard]] double startup_s() const override { return command_.startup_s; }
 
  private:
   std::optional<LiveFailure> spawn();
   bool drain_output(LiveRead& result);
   void drain_messages();
-  LiveFailure how_it_ended();
+  LiveFailure exit_failure();
   int end_child();
 
   const ChildCommand command_;
@@ -191,7 +191,7 @@ std::optional<LiveFailure> ChildBackend::spawn() {
   if (result != 0) {
     return LiveFailure{
         .reason = fmt::format("cannot start {}: {}", command_.arguments[0], error_text(result)),
-        .definite = true};
+        .permanent = true};
   }
   child_ = child;
   return std::nullopt;
@@ -261,7 +261,7 @@ LiveRead ChildBackend::read(milliseconds timeout, const std::stop_token& stop) {
       if (result.kind == LiveRead::Kind::kFrame) return result;
       if (!is_open) {
         result.kind = LiveRead::Kind::kEnded;
-        result.failure = how_it_ended();
+        result.failure = exit_failure();
         return result;
       }
     }
@@ -269,17 +269,17 @@ LiveRead ChildBackend::read(milliseconds timeout, const std::stop_token& stop) {
   }
 }
 
-LiveFailure ChildBackend::how_it_ended() {
+LiveFailure ChildBackend::exit_failure() {
   LiveFailure failure;
   if (messages_.get() >= 0) drain_messages();
   const bool is_broken = records_.is_broken();
   const int status = end_child();
   if (!records_.error().empty()) {
     failure.reason = records_.error();
-    failure.definite = true;
+    failure.permanent = true;
   } else if (is_broken) {
     failure.reason = fmt::format("{} sends something that is not an image", command_.arguments[0]);
-    failure.definite = true;
+    failure.permanent = true;
   } else {
     std::string_view tail = message_tail_;
     while (!tail.empty() && (tail.back() == '\n' || tail.back() == '\r')) tail.remove_suffix(1);
@@ -290,7 +290,7 @@ LiveFailure ChildBackend::how_it_ended() {
                          ? fmt::format("{} died of signal {}", program, WTERMSIG(status))
                          : fmt::format("{} ended with status {}", program, WEXITSTATUS(status));
     if (!tail.empty()) failure.reason += fmt::format(": {}", tail.substr(0, 300));
-    failure.definite = WIFEXITED(status) && WEXITSTATUS(status) != 0;
+    failure.permanent = WIFEXITED(status) && WEXITSTATUS(status) != 0;
   }
   // If the device does not exist at all, waiting means probing for it.
   failure.unreachable = command_.reachable && !command_.reachable(milliseconds(100), {});
@@ -346,11 +346,11 @@ std::string find_capture_program(const SourceOptions& options) {
   std::error_code error;
   const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
   const auto folder = self.parent_path();
-  const std::string beside = (folder / "tarsier-capture").string();
-  if (can_run(beside)) return beside;
+  const std::string candidate = (folder / "tarsier-capture").string();
+  if (can_run(candidate)) return candidate;
   const std::string installed = (folder.parent_path() / "libexec/tarsier/tarsier-capture").string();
   if (can_run(installed)) return installed;
-  throw InputError(beside,
+  throw InputError(candidate,
                    "no such program; it captures from cameras and belongs beside tarsier (or in "
                    "../libexec/tarsier)");
 }
@@ -369,7 +369,7 @@ ChildCommand camera_command(const std::string& path, const std::string& label,
   command.check = [path]() -> std::optional<LiveFailure> {
     std::string error = camera_error(path);
     if (error.empty()) return std::nullopt;
-    return LiveFailure{.reason = std::move(error), .definite = true, .unreachable = true};
+    return LiveFailure{.reason = std::move(error), .permanent = true, .unreachable = true};
   };
   command.reachable = [path](milliseconds, const std::stop_token&) { return can_open(path); };
   return command;

@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kMaxConnections = 32;
-constexpr int kMaxOfOneAddress = 16;
+constexpr int kMaxConnectionsPerAddress = 16;
 constexpr std::int64_t kMaxBytes = 10'000'000;
 constexpr std::string_view kEnding = ".jpg";
 constexpr std::string_view kPath = "/crop/";
@@ -56,11 +56,11 @@ CropServer::CropServer(const CropServerOptions& options) : options_(options) {
   std::error_code error;
   fs::permissions(options.folder, fs::perms::owner_all, error);
   hashes_ = hashes_in(options.folder);
-  server_ =
-      std::make_unique<HttpService>(options.url, options.access, kMaxConnections, kMaxOfOneAddress,
-                                    [this](MHD_Connection* connection, std::string_view path) {
-                                      return respond(connection, path);
-                                    });
+  server_ = std::make_unique<HttpService>(
+      options.url, options.access, kMaxConnections, kMaxConnectionsPerAddress,
+      [this](MHD_Connection* connection, std::string_view path) {
+        return respond(connection, path);
+      });
 }
 
 std::string CropServer::add(const cv::Mat& image) {

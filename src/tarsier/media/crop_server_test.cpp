@@ -87,7 +87,7 @@ TEST_F(CropServerTest, RequiresTheToken) {
   EXPECT_THAT(get(url, "Authorization: Bearer 0123456789abcdef\r\n"), StartsWith("HTTP/1.1 200"));
 }
 
-TEST_F(CropServerTest, OtherMachinesNeedAToken) {
+TEST_F(CropServerTest, RemoteAccessRequiresToken) {
   options_.url = "http://0.0.0.0:0/";
   EXPECT_THROW(CropServer{options_}, UsageError);
   options_.access.listen_all = true;

@@ -43,7 +43,7 @@ class EventCommandTest : public FolderTest {
   }
 };
 
-TEST_F(EventCommandTest, EachEventIsOneRunInOrder) {
+TEST_F(EventCommandTest, RunsOncePerEventInOrder) {
   EventCommand command("cat >>'" + path("events") + "'; echo end >>'" + path("events") + "'", {});
   for (int k = 0; k < 5; ++k) command.post("{\"n\":" + std::to_string(k) + "}");
   command.finish();
@@ -84,7 +84,7 @@ TEST_F(EventCommandTest, AHangingCommandDropsTheOldestEvents) {
   EXPECT_EQ(command.counts().ended, 4);
 }
 
-TEST_F(EventCommandTest, ACommandNeedNotReadItsEvent) {
+TEST_F(EventCommandTest, CommandMayIgnoreItsInput) {
   EventCommand command("exit 0", {});
   const std::string large(1'000'000, 'x');  // more than a pipe can hold
   command.post(large);
@@ -101,7 +101,7 @@ TEST_F(EventCommandTest, LargeEventsArriveCompletely) {
   EXPECT_EQ(contents(path("event")), large + '\n');
 }
 
-TEST_F(EventCommandTest, TheTimeoutKillsTheChildrenOfTheChild) {
+TEST_F(EventCommandTest, TimeoutKillsDescendants) {
   const std::string held = pipe("held");
   EventCommandOptions options;
   options.timeout_s = 0.2;
@@ -132,7 +132,7 @@ TEST_F(EventCommandTest, TheTimeToFinishIsBounded) {
   EXPECT_EQ(command.counts().dropped, 2);
 }
 
-TEST_F(EventCommandTest, AnInterruptionEndsTheWaiting) {
+TEST_F(EventCommandTest, InterruptionEndsFinish) {
   const std::string started = pipe("started");
   EventCommandOptions options;
   options.timeout_s = options.finish_s = 3600;

@@ -38,7 +38,7 @@ void require_writable_image(const cv::Mat& image) {
       "{}x{}, type {}: sinks take 8-bit grey or BGR", image.cols, image.rows, image.type());
 }
 
-bool is_video_ending(const std::string& ending) {
+bool is_video_extension(const std::string& ending) {
   return ending == ".mp4" || ending == ".avi" || ending == ".mkv";
 }
 
@@ -100,7 +100,7 @@ class FolderSink final : public FrameSink {
 
   std::string write(const cv::Mat& image, const Frame& source) override {
     require_writable_image(image);
-    const std::string target = (fs::path(path_) / free_name(source)).string();
+    const std::string target = (fs::path(path_) / unused_name(source)).string();
     std::error_code ignored;
     if (source.still && fs::equivalent(target, source.name, ignored)) {
       throw OutputError(target, "would replace its own source: name another folder");
@@ -116,7 +116,7 @@ class FolderSink final : public FrameSink {
 
  private:
   // The source's base name; a number is added if two sources have the same name.
-  std::string free_name(const Frame& source) {
+  std::string unused_name(const Frame& source) {
     std::string stem;
     std::string ending = options_.folder_extension;
     if (source.still) {
@@ -167,7 +167,7 @@ std::string segment_name(const std::string& path, int number) {
 
 // One more than the highest number of an existing segment, finished or not, so that no file of an
 // earlier run is overwritten.
-int first_free_segment(const std::string& path) {
+int first_unused_segment(const std::string& path) {
   const fs::path file(path);
   const std::string stem = file.stem().string() + "-";
   const fs::path folder = file.parent_path().empty() ? fs::path(".") : file.parent_path();
@@ -190,7 +190,7 @@ class VideoSink final : public FrameSink {
   VideoSink(std::string path, const SinkOptions& options)
       : path_(std::move(path)), ending_(lowercase_extension(path_)), options_(options) {
     if (options_.segment_s > 0) {
-      segment_ = first_free_segment(path_);
+      segment_ = first_unused_segment(path_);
       segment_frames_ = std::max<std::int64_t>(1, std::llround(options_.segment_s * options_.fps));
     }
     begin_file();  // detects an error now, not after the work
@@ -270,20 +270,20 @@ class VideoSink final : public FrameSink {
       coded_ = {(size.width + 1) / 2 * 2, (size.height + 1) / 2 * 2};
     }
     VideoEncoderOptions options;
-    options.ending = ending_;
+    options.extension = ending_;
     options.fps = options_.fps;
-    options.cut_safe = options_.recording;
+    options.crash_safe = options_.recording;
     encoder_ = std::make_unique<VideoEncoder>(part_ ? part_->path() : file_->path(), target_,
                                               coded_, options);
   }
 
   // Checked early, so that hours of work are not spent on a video that cannot be stored.
   void check_disk() const {
-    constexpr std::uint64_t kLeast = 1 << 20U;
+    constexpr std::uint64_t kMinFreeBytes = 1 << 20U;
     struct ::statvfs disk {};
     const std::string& file = part_ ? part_->path() : file_->path();
     if (::statvfs(file.c_str(), &disk) != 0) return;
-    if (std::uint64_t{disk.f_bavail} * disk.f_frsize < kLeast)
+    if (std::uint64_t{disk.f_bavail} * disk.f_frsize < kMinFreeBytes)
       throw OutputError(path_, "the disk is full");
   }
 
@@ -327,7 +327,7 @@ SinkKind classify_sink(const std::string& text) {
   if (fs::is_directory(status)) return SinkKind::kFolder;
   const std::string ending = lowercase_extension(text);
   if (is_image_path(text)) return SinkKind::kImage;
-  if (is_video_ending(ending)) return SinkKind::kVideo;
+  if (is_video_extension(ending)) return SinkKind::kVideo;
   if (fs::exists(status) && !fs::is_regular_file(status))
     return SinkKind::kImage;  // a device or pipe
   if (ending.empty()) return SinkKind::kFolder;

@@ -125,7 +125,7 @@ TEST_F(FrameSinkTest, FolderAcceptsAnExtension) {
   EXPECT_THROW((void)open_sink(path("out/"), options), std::invalid_argument);
 }
 
-TEST_F(FrameSinkTest, SourcesAreNotReplaced) {
+TEST_F(FrameSinkTest, DoesNotOverwriteSources) {
   write_image(path("a.png"), filled(4, 4, 200));
   const auto sink = open_sink(folder_);
   EXPECT_THROW((void)sink->write(filled(4, 4, 1), still(path("a.png"))), OutputError);
@@ -160,7 +160,7 @@ TEST_P(VideoSinkTest, AllFramesRoundTrip) {
   EXPECT_THROW((void)sink->write(filled(65, 49, 0), moment(20)), std::invalid_argument);
 }
 
-TEST_P(VideoSinkTest, FramesOfAnotherSizeAreFitted) {
+TEST_P(VideoSinkTest, FitsFramesOfAnotherSize) {
   const std::string file = path(std::string("v") + GetParam());
   const auto sink = open_sink(file);
   (void)sink->write(filled(64, 48, 255), moment(0));
@@ -274,37 +274,38 @@ int record_and_kill(const std::string& file, int frames) {
     ::_exit(127);
   }
   ::close(output[1]);
-  int said = 0;
+  int written = 0;
   const auto take = [&] {
     char text[256];
     const ssize_t count = ::read(output[0], text, sizeof text);
-    said += count > 0 ? static_cast<int>(std::count(text, text + count, kTaken)) : 0;
+    written += count > 0 ? static_cast<int>(std::count(text, text + count, kTaken)) : 0;
     return count > 0;
   };
-  while (said < frames && take()) {
+  while (written < frames && take()) {
   }
   ::kill(child, SIGKILL);
   while (take()) {
   }
   ::close(output[0]);
   ::waitpid(child, nullptr, 0);
-  return said;
+  return written;
 }
 
 class RecordingTest : public FrameSinkTest, public testing::WithParamInterface<const char*> {};
 
-TEST_P(RecordingTest, PlaysAfterAKillAtAnyMoment) {
+TEST_P(RecordingTest, IsPlayableAfterKill) {
   int last = 0;
   for (const int frames : {80, 131, 457}) {
     const std::string file = path(std::to_string(frames) + GetParam());
-    const int said = record_and_kill(file, frames);
-    ASSERT_GE(said, frames);
+    const int written = record_and_kill(file, frames);
+    ASSERT_GE(written, frames);
     EXPECT_FALSE(fs::exists(file));
     const std::string part = path(std::to_string(frames) + ".part" + GetParam());
-    const int kept = frames_in(part);
-    EXPECT_GE(kept, said - 2 * 25) << "of " << said << ": more than two seconds are missing";
-    EXPECT_LE(kept, said + 1);
-    last = kept;
+    const int recovered = frames_in(part);
+    EXPECT_GE(recovered, written - 2 * 25)
+        << "of " << written << ": more than two seconds are missing";
+    EXPECT_LE(recovered, written + 1);
+    last = recovered;
   }
   EXPECT_GT(last, 400);
 }
@@ -322,7 +323,7 @@ TEST_P(RecordingTest, IsRenamedAtTheEndAndPlaysCompletely) {
   EXPECT_EQ(frames_in(file), 60);
 }
 
-TEST_P(RecordingTest, IsKeptWhenItCannotBeFinished) {
+TEST_P(RecordingTest, IsKeptIfFinishFails) {
   const std::string part = path(std::string("v.part") + GetParam());
   testing::internal::CaptureStderr();
   {

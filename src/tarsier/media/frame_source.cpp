@@ -97,7 +97,7 @@ SourceKind classify_file(const std::string& path) {
   const std::span<const std::uint8_t> head(reinterpret_cast<const std::uint8_t*>(bytes.data()),
                                            static_cast<std::size_t>(file.gcount()));
   const bool is_mjpeg = lowercase_extension(path).starts_with(".mjp");
-  if (!is_mjpeg && (probe_image(head) || has_image_ending(path))) return SourceKind::kImage;
+  if (!is_mjpeg && (probe_image(head) || has_image_extension(path))) return SourceKind::kImage;
   if (looks_like_video(head)) {
     // A JPEG whose header is longer than the bytes read (a large thumbnail) is also an image.
     const bool is_jpeg = head.size() > 2 && head[0] == 0xff && head[1] == 0xd8;
@@ -253,7 +253,7 @@ std::vector<ChainSource::Part> parts_of_files(const std::vector<std::string>& pa
   for (const std::string& path : paths) {
     std::error_code ignored;
     bool is_video = false;
-    if (!has_image_ending(path) && fs::is_regular_file(path, ignored)) {
+    if (!has_image_extension(path) && fs::is_regular_file(path, ignored)) {
       try {
         is_video = classify_file(path) == SourceKind::kVideo;
       } catch (const InputError&) {  // reported when it is opened

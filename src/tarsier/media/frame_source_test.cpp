@@ -147,7 +147,7 @@ TEST_F(FrameSourceTest, AnImageIsOneStillFrame) {
   EXPECT_EQ(source->fps(), 0);
 }
 
-TEST_F(FrameSourceTest, AFolderIsReadInNaturalOrderImagesOnly) {
+TEST_F(FrameSourceTest, FolderYieldsOnlyImagesInNaturalOrder) {
   image("img10.jpg", 10);
   image("img2.JPG", 2);
   image("img1.jpeg", 1);
@@ -172,7 +172,7 @@ TEST_F(FrameSourceTest, ASequenceHasTimes) {
   EXPECT_DOUBLE_EQ(read.frames[2].time, 0.2);
 }
 
-TEST_F(FrameSourceTest, GlobsAndListsAndSeveralInputsFollowEachOther) {
+TEST_F(FrameSourceTest, ConcatenatesGlobsListsAndInputs) {
   image("a1.jpg", 1);
   image("a2.jpg", 2);
   image("sub/b.jpg", 3);
@@ -234,7 +234,7 @@ TEST_F(FrameSourceTest, UnreadableImagesAmongSeveralAreSkippedAndReported) {
   EXPECT_EQ(list->skipped().size(), 1U);
 }
 
-TEST_F(FrameSourceTest, NothingReadableIsAnError) {
+TEST_F(FrameSourceTest, NoReadableImageIsAnError) {
   write("1.jpg", "no");
   EXPECT_THAT(open_error(path("1.jpg")), HasSubstr("1.jpg: "));
   write("2.jpg", "no");
@@ -278,7 +278,7 @@ TEST_F(FrameSourceTest, FilesThatAreNoVideosAreRefusedBeforeFfmpegOpensThem) {
               HasSubstr("no frame"));
 }
 
-TEST_F(FrameSourceTest, AStopEndsReading) {
+TEST_F(FrameSourceTest, StopTokenEndsReading) {
   image("a.jpg", 1);
   image("b.jpg", 2);
   const auto source = open_source(folder_.string());

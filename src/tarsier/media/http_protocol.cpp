@@ -96,9 +96,9 @@ HttpUrl parse_url(std::string_view text, std::string_view scheme, std::uint16_t 
   return url;
 }
 
-void HttpResponseParser::break_off(std::string error_message) {
+void HttpResponseParser::fail(std::string reason) {
   state_ = State::kBroken;
-  error_message_ = std::move(error_message);
+  error_message_ = std::move(reason);
 }
 
 void HttpResponseParser::feed(std::span<const std::uint8_t> bytes,
@@ -110,15 +110,15 @@ void HttpResponseParser::feed(std::span<const std::uint8_t> bytes,
 // Takes bytes of one header, at most to its end; returns how many.
 std::size_t HttpResponseParser::read_header(std::span<const std::uint8_t> bytes) {
   const std::size_t before = header_.size();
-  const std::size_t taken = std::min(kHeaderLimit - before, bytes.size());
-  header_.append(reinterpret_cast<const char*>(bytes.data()), taken);
+  const std::size_t count = std::min(kHeaderLimit - before, bytes.size());
+  header_.append(reinterpret_cast<const char*>(bytes.data()), count);
   // The status line is checked as early as possible: a server that is not HTTP may never send an
   // empty line.
   const std::string_view magic = "HTTP/1.";
   const std::size_t compared = std::min(magic.size(), header_.size());
   if (std::string_view(header_).substr(0, compared) != magic.substr(0, compared)) {
-    break_off("does not speak HTTP");
-    return taken;
+    fail("does not speak HTTP");
+    return count;
   }
   const std::size_t search_from = before > 3 ? before - 3 : 0;
   std::size_t end = header_.find("\r\n\r\n", search_from);
@@ -128,8 +128,8 @@ std::size_t HttpResponseParser::read_header(std::span<const std::uint8_t> bytes)
     gap = 2;
   }
   if (end == std::string::npos) {
-    if (header_.size() >= kHeaderLimit) break_off("sends an HTTP header without end");
-    return taken;
+    if (header_.size() >= kHeaderLimit) fail("sends an HTTP header without end");
+    return count;
   }
   header_.resize(end);
   const std::size_t used = end + gap - before;
@@ -137,10 +137,10 @@ std::size_t HttpResponseParser::read_header(std::span<const std::uint8_t> bytes)
   header_.clear();
   if (status_ < 200 && status_ != 101) {  // an interim response; the final one follows
     status_ = 0;
-    if (++interim_ > kMaxInterim) break_off("sends interim answers without end");
+    if (++interim_ > kMaxInterim) fail("sends interim answers without end");
     return used;
   }
-  state_ = has_length_ && left_ == 0 && !chunked_ ? State::kDone : State::kBody;
+  state_ = has_length_ && remaining_ == 0 && !chunked_ ? State::kDone : State::kBody;
   return used;
 }
 
@@ -151,7 +151,7 @@ bool HttpResponseParser::parse_header() {
   location_.clear();
   chunked_ = false;
   has_length_ = false;
-  left_ = 0;
+  remaining_ = 0;
   while (!rest.empty()) {
     const std::size_t end = std::min(rest.find('\n'), rest.size());
     const std::string_view line = trimmed(rest.substr(0, end));
@@ -160,7 +160,7 @@ bool HttpResponseParser::parse_header() {
       is_first = false;
       if (line.size() < 12 || line[8] != ' ' || !parse_number(line.substr(9, 3), status_) ||
           status_ < 100 || status_ > 599) {
-        break_off("sends a broken HTTP status line");
+        fail("sends a broken HTTP status line");
         return false;
       }
       status_text_ = trimmed(line.substr(12));
@@ -177,8 +177,8 @@ bool HttpResponseParser::parse_header() {
     } else if (name == "transfer-encoding") {
       chunked_ = lower_case(value).find("chunked") != std::string::npos;
     } else if (name == "content-length") {
-      has_length_ = parse_number(value, left_);
-      if (!has_length_) left_ = 0;
+      has_length_ = parse_number(value, remaining_);
+      if (!has_length_) remaining_ = 0;
     }
   }
   // Some cameras send a length for their endless stream.
@@ -193,9 +193,10 @@ void HttpResponseParser::read_body(std::span<const std::uint8_t> bytes,
     return;
   }
   if (has_length_) {
-    bytes = bytes.first(static_cast<std::size_t>(std::min<std::uint64_t>(left_, bytes.size())));
-    left_ -= bytes.size();
-    if (left_ == 0) state_ = State::kDone;
+    bytes =
+        bytes.first(static_cast<std::size_t>(std::min<std::uint64_t>(remaining_, bytes.size())));
+    remaining_ -= bytes.size();
+    if (remaining_ == 0) state_ = State::kDone;
   }
   body.insert(body.end(), bytes.begin(), bytes.end());
 }
@@ -205,33 +206,33 @@ void HttpResponseParser::read_chunks(std::span<const std::uint8_t> bytes,
   while (!bytes.empty() && state_ == State::kBody) {
     if (chunk_ == Chunk::kData) {
       const auto part =
-          bytes.first(static_cast<std::size_t>(std::min<std::uint64_t>(left_, bytes.size())));
+          bytes.first(static_cast<std::size_t>(std::min<std::uint64_t>(remaining_, bytes.size())));
       body.insert(body.end(), part.begin(), part.end());
       bytes = bytes.subspan(part.size());
-      left_ -= part.size();
-      if (left_ == 0) chunk_ = Chunk::kDataEnd;
+      remaining_ -= part.size();
+      if (remaining_ == 0) chunk_ = Chunk::kDataEnd;
       continue;
     }
     const char c = static_cast<char>(bytes.front());
     bytes = bytes.subspan(1);
     if (c != '\n') {
       line_ += c;
-      if (line_.size() > 4096) break_off("sends a broken chunked stream");
+      if (line_.size() > 4096) fail("sends a broken chunked stream");
       continue;
     }
     const std::string line = std::exchange(line_, {});
     const std::string_view text = trimmed(line);
     if (chunk_ == Chunk::kDataEnd) {
-      if (!text.empty()) break_off("sends a broken chunked stream");
+      if (!text.empty()) fail("sends a broken chunked stream");
       chunk_ = Chunk::kSize;
     } else if (chunk_ == Chunk::kTrailer) {
       if (text.empty()) state_ = State::kDone;
     } else {
       const std::string_view size = trimmed(text.substr(0, std::min(text.find(';'), text.size())));
-      if (!parse_number(size, left_, 16)) {
-        break_off("sends a broken chunked stream");
+      if (!parse_number(size, remaining_, 16)) {
+        fail("sends a broken chunked stream");
       } else {
-        chunk_ = left_ == 0 ? Chunk::kTrailer : Chunk::kData;
+        chunk_ = remaining_ == 0 ? Chunk::kTrailer : Chunk::kData;
       }
     }
   }

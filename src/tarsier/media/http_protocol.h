@@ -51,7 +51,7 @@ class HttpResponseParser {
  private:
   enum class Chunk { kSize, kData, kDataEnd, kTrailer };
 
-  void break_off(std::string error_message);
+  void fail(std::string reason);
   std::size_t read_header(std::span<const std::uint8_t> bytes);
   bool parse_header();
   void read_body(std::span<const std::uint8_t> bytes, std::vector<std::uint8_t>& body);
@@ -67,7 +67,7 @@ class HttpResponseParser {
   std::string location_;
   bool chunked_ = false;
   bool has_length_ = false;
-  std::uint64_t left_ = 0;  // remaining bytes of the body (has_length_) or of the chunk
+  std::uint64_t remaining_ = 0;  // remaining bytes of the body (has_length_) or of the chunk
   Chunk chunk_ = Chunk::kSize;
   std::string line_;
 };

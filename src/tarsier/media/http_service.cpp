@@ -53,7 +53,7 @@ bool equals_in_constant_time(std::string_view given, std::string_view secret) {
 
 class HttpService::Daemon {
  public:
-  Daemon(const std::string& url, HttpAccess access, int max_connections, int max_of_one,
+  Daemon(const std::string& url, HttpAccess access, int max_connections, int max_per_address,
          Respond respond)
       : access_(std::move(access)),
         respond_(std::move(respond)),
@@ -67,7 +67,7 @@ class HttpService::Daemon {
         0, nullptr, nullptr, &Daemon::answer, this, MHD_OPTION_LISTEN_SOCKET,
         static_cast<MHD_socket>(fd), MHD_OPTION_NOTIFY_CONNECTION, &Daemon::note_connection, this,
         MHD_OPTION_CONNECTION_LIMIT, static_cast<unsigned>(max_connections),
-        MHD_OPTION_PER_IP_CONNECTION_LIMIT, static_cast<unsigned>(max_of_one),
+        MHD_OPTION_PER_IP_CONNECTION_LIMIT, static_cast<unsigned>(max_per_address),
         MHD_OPTION_CONNECTION_TIMEOUT, kRequestSeconds, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
         std::size_t{32768}, MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_END);
     if (daemon_ == nullptr) {
@@ -210,8 +210,8 @@ class HttpService::Daemon {
 };
 
 HttpService::HttpService(const std::string& url, const HttpAccess& access, int max_connections,
-                         int max_connections_of_one, Respond respond)
-    : daemon_(std::make_unique<Daemon>(url, access, max_connections, max_connections_of_one,
+                         int max_connections_per_address, Respond respond)
+    : daemon_(std::make_unique<Daemon>(url, access, max_connections, max_connections_per_address,
                                        std::move(respond))) {}
 
 HttpService::~HttpService() = default;

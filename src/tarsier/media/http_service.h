@@ -37,7 +37,7 @@ class HttpService {
   // `url` is in the form of parse_listen_address(). Throws UsageError for an address or token that
   // breaks the rules, OutputError if the address cannot be listened on.
   HttpService(const std::string& url, const HttpAccess& access, int max_connections,
-              int max_connections_of_one, Respond respond);
+              int max_connections_per_address, Respond respond);
   ~HttpService();  // calls stop()
   HttpService(const HttpService&) = delete;
   HttpService& operator=(const HttpService&) = delete;

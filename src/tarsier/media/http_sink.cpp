@@ -163,7 +163,7 @@ class HttpSink final : public FrameSink {
 
   // Fills `buffer` with the next bytes of the stream. Runs in the connection's own thread, so it
   // may wait.
-  static ssize_t read_stream(void* cls, std::uint64_t, char* buffer, std::size_t most) {
+  static ssize_t read_stream(void* cls, std::uint64_t, char* buffer, std::size_t max_bytes) {
     auto& viewer = *static_cast<Viewer*>(cls);
     // The boundary follows its part at once: browsers show an image only after the next boundary.
     static const std::string kTail = fmt::format("\r\n--{}\r\n", kBoundary);
@@ -182,9 +182,9 @@ class HttpSink final : public FrameSink {
     std::size_t written = 0;
     std::size_t start = 0;
     const auto copy = [&](const void* data, std::size_t size) {
-      if (viewer.sent >= start && viewer.sent < start + size && written < most) {
+      if (viewer.sent >= start && viewer.sent < start + size && written < max_bytes) {
         const std::size_t from = viewer.sent - start;
-        const std::size_t count = std::min(size - from, most - written);
+        const std::size_t count = std::min(size - from, max_bytes - written);
         std::memcpy(buffer + written, static_cast<const char*>(data) + from, count);
         written += count;
         viewer.sent += count;

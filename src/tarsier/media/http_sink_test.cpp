@@ -222,7 +222,7 @@ TEST(HttpSink, StreamsEachImageAsAPartWithItsLength) {
   EXPECT_THROW((void)sink->write(filled(1), {}), std::invalid_argument);
 }
 
-TEST(HttpSink, AViewerThatComesBeforeTheFirstImageWaitsForIt) {
+TEST(HttpSink, EarlyViewerWaitsForFirstImage) {
   const auto sink = open_local();
   Client client(port_of(*sink));
   auto first = std::async(std::launch::async, [&] {
@@ -235,7 +235,7 @@ TEST(HttpSink, AViewerThatComesBeforeTheFirstImageWaitsForIt) {
   EXPECT_NEAR(decoded(first.get()).at<cv::Vec3b>(20, 20)[0], 90, 3);
 }
 
-TEST(HttpSink, ASlowViewerNeitherStopsTheProducerNorTheOthers) {
+TEST(HttpSink, SlowViewerDelaysNeitherProducerNorOthers) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   cv::Mat noise(480, 640, CV_8UC3);  // about 500 kB as JPEG: more than the socket's buffer
@@ -269,7 +269,7 @@ TEST(HttpSink, ASlowViewerNeitherStopsTheProducerNorTheOthers) {
   EXPECT_LT(parts, 30);
 }
 
-TEST(HttpSink, AViewerThatLeavesIsNoticedWithoutImages) {
+TEST(HttpSink, DetectsDisconnectWithoutImages) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   (void)sink->write(filled(1), {});
@@ -282,7 +282,7 @@ TEST(HttpSink, AViewerThatLeavesIsNoticedWithoutImages) {
   wait_until([&] { return health(port)["viewers"] == 0; });
 }
 
-TEST(HttpSink, EndsAtOnceWithViewersThatDoNotRead) {
+TEST(HttpSink, FinishDoesNotWaitForStalledViewers) {
   auto sink = open_local();
   const int port = port_of(*sink);
   cv::Mat noise(480, 640, CV_8UC3);
@@ -348,7 +348,7 @@ TEST(HttpSink, BrowsersGetAPageAndOthersTheStream) {
   (void)read_part(client, boundary);
 }
 
-TEST(HttpSink, RequestsOfForeignNamesAndSitesAreRefused) {
+TEST(HttpSink, RejectsForeignHostsAndOrigins) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   const std::string own = "127.0.0.1:" + std::to_string(port);
@@ -371,7 +371,7 @@ TEST(HttpSink, RequestsOfForeignNamesAndSitesAreRefused) {
   }
 }
 
-TEST(HttpSink, OnlyGetAndHeadOfKnownPaths) {
+TEST(HttpSink, AcceptsOnlyGetAndHeadOfKnownPaths) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   (void)sink->write(filled(10), {});
@@ -488,7 +488,7 @@ TEST(HttpSink, InvalidAddressesAreUsageErrors) {
   }
 }
 
-TEST(HttpSink, ATakenPortIsAnOutputError) {
+TEST(HttpSink, PortInUseIsAnOutputError) {
   const auto sink = open_local();
   const std::string url = "http://127.0.0.1:" + std::to_string(port_of(*sink)) + "/";
   try {
@@ -513,7 +513,7 @@ TEST(HttpSink, ViewersBeyondTheLimitAreRefused) {
   EXPECT_EQ(ask(port, "/snapshot.jpg").status, 200);
 }
 
-TEST(HttpSink, LoopbackOfIpv6) {
+TEST(HttpSink, ListensOnIpv6Loopback) {
   std::unique_ptr<FrameSink> sink;
   try {
     sink = open_http_sink("http://[::1]:0/", {});
@@ -527,7 +527,7 @@ TEST(HttpSink, LoopbackOfIpv6) {
   EXPECT_EQ(read_head(client).status, 200);
 }
 
-TEST(HttpSink, ManyViewersComeAndGoWhileFramesFlow) {
+TEST(HttpSink, ViewersMayJoinAndLeaveWhileStreaming) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   std::atomic<bool> done = false;

@@ -35,15 +35,15 @@ constexpr int kMaxRedirects = 3;
 constexpr milliseconds kSlice{50};
 
 // An http or https address.
-struct Place {
+struct Endpoint {
   HttpUrl url;
   bool tls = false;
-  [[nodiscard]] bool is_same_server(const Place& other) const {
+  [[nodiscard]] bool is_same_server(const Endpoint& other) const {
     return url.host == other.url.host && url.port == other.url.port && tls == other.tls;
   }
 };
 
-Place parse_place(const std::string& text) {
+Endpoint parse_endpoint(const std::string& text) {
   if (lower_case(text.substr(0, 8)) == "https://") return {parse_url(text, "https", 443), true};
   return {parse_url(text, "http", 80), false};
 }
@@ -66,12 +66,12 @@ class HttpBackend final : public LiveBackend {
  public:
   HttpBackend(const std::string& url, const SourceOptions& options)
       : text_(url),
-        place_(parse_place(url)),
-        given_(place_),
+        endpoint_(parse_endpoint(url)),
+        original_endpoint_(endpoint_),
         security_(options.security),
         snapshot_period_(std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(
             1 / std::min(options.fps > 0 ? options.fps : 10.0, 60.0)))) {
-    if (place_.tls) trust_ = std::make_shared<const TlsTrust>(security_);
+    if (endpoint_.tls) trust_ = std::make_shared<const TlsTrust>(security_);
   }
 
   // After read() ended: whether the stream is another kind of video, and its address.
@@ -82,10 +82,10 @@ class HttpBackend final : public LiveBackend {
     timeout_ = timeout;
     if (!socket_.is_open()) {
       LiveFailure failure;
-      socket_ = connect_tcp(place_.url.host, place_.url.port, timeout, stop, failure);
+      socket_ = connect_tcp(endpoint_.url.host, endpoint_.url.port, timeout, stop, failure);
       if (!socket_.is_open()) return failure;
     }
-    ask();
+    start_request();
     return std::nullopt;
   }
 
@@ -93,7 +93,7 @@ class HttpBackend final : public LiveBackend {
   bool reachable(milliseconds timeout, const std::stop_token& stop) override {
     LiveFailure failure;
     if (!socket_.is_open()) {
-      socket_ = connect_tcp(place_.url.host, place_.url.port, timeout, stop, failure);
+      socket_ = connect_tcp(endpoint_.url.host, endpoint_.url.port, timeout, stop, failure);
     }
     return socket_.is_open();
   }
@@ -102,24 +102,24 @@ class HttpBackend final : public LiveBackend {
 
   [[nodiscard]] std::string detail() const override { return detail_; }
   [[nodiscard]] double fps() const override { return 0; }
-  [[nodiscard]] bool may_wake_up() const override { return true; }
+  [[nodiscard]] bool may_recover() const override { return true; }
   [[nodiscard]] double startup_s() const override { return 0; }
 
  private:
-  void ask();
+  void start_request();
   bool send_request();
   bool receive(bool& closed);
   ssize_t receive_some();
   [[nodiscard]] std::string kind() const {
     return fmt::format("{} over {}", is_snapshot_ ? "JPEG snapshots" : "MJPEG",
-                       place_.tls ? "HTTPS" : "HTTP");
+                       endpoint_.tls ? "HTTPS" : "HTTP");
   }
-  std::optional<LiveFailure> judge_header(const std::stop_token& stop);
+  std::optional<LiveFailure> check_header(const std::stop_token& stop);
   std::optional<LiveFailure> follow(const std::string& location, const std::stop_token& stop);
 
   const std::string text_;
-  Place place_;        // the current address, after redirects
-  const Place given_;  // only this server gets the password
+  Endpoint endpoint_;                 // the current address, after redirects
+  const Endpoint original_endpoint_;  // only this server gets the password
   const StreamSecurity security_;
   const Clock::duration snapshot_period_;
   milliseconds timeout_{3000};
@@ -128,12 +128,12 @@ class HttpBackend final : public LiveBackend {
   std::optional<TlsStream> tls_;  // of socket_
   std::string request_;           // the unsent part
   HttpResponseParser response_;
-  bool judged_ = false;
+  bool header_checked_ = false;
   bool is_snapshot_ = false;
   bool for_ffmpeg_ = false;
   Clock::time_point next_snapshot_;
   int redirects_ = 0;
-  std::int64_t asked_frames_ = 0;  // frames since the last request
+  std::int64_t response_frames_ = 0;  // frames since the last request
   std::vector<std::uint8_t> buffer_ = std::vector<std::uint8_t>(256U << 10U);
   std::vector<std::uint8_t> body_;
   MjpegParser parser_;
@@ -146,30 +146,32 @@ std::string HttpBackend::address() const {
   const std::size_t begin = text_.find("://") + 3;
   const std::size_t end = std::min(text_.find_first_of("/?#", begin), text_.size());
   const std::size_t at = text_.substr(0, end).rfind('@');
-  std::string who;
-  if (place_.is_same_server(given_) && at != std::string::npos && at > begin) {
-    who = text_.substr(begin, at + 1 - begin);
+  std::string credentials;
+  if (endpoint_.is_same_server(original_endpoint_) && at != std::string::npos && at > begin) {
+    credentials = text_.substr(begin, at + 1 - begin);
   }
-  return fmt::format("{}://{}{}{}", place_.tls ? "https" : "http", who,
-                     place_.url.host_header(place_.tls ? 443 : 80), place_.url.target);
+  return fmt::format("{}://{}{}{}", endpoint_.tls ? "https" : "http", credentials,
+                     endpoint_.url.host_header(endpoint_.tls ? 443 : 80), endpoint_.url.target);
 }
 
 // Sends the request over the new connection.
-void HttpBackend::ask() {
+void HttpBackend::start_request() {
   tls_.reset();
-  if (place_.tls) tls_.emplace(trust_, socket_.get(), place_.url.host);
+  if (endpoint_.tls) tls_.emplace(trust_, socket_.get(), endpoint_.url.host);
   request_ = fmt::format(
       "GET {} HTTP/1.1\r\nHost: {}\r\nUser-Agent: tarsier\r\n"
       "Accept: multipart/x-mixed-replace, image/jpeg, */*\r\nConnection: close\r\n",
-      place_.url.target, place_.url.host_header(place_.tls ? 443 : 80));
-  const HttpUrl& who = given_.url;
-  if (place_.is_same_server(given_) && !(who.user.empty() && who.password.empty())) {
-    request_ += "Authorization: Basic " + to_base64(who.user + ":" + who.password) + "\r\n";
+      endpoint_.url.target, endpoint_.url.host_header(endpoint_.tls ? 443 : 80));
+  const HttpUrl& credentials = original_endpoint_.url;
+  if (endpoint_.is_same_server(original_endpoint_) &&
+      !(credentials.user.empty() && credentials.password.empty())) {
+    request_ +=
+        "Authorization: Basic " + to_base64(credentials.user + ":" + credentials.password) + "\r\n";
   }
   request_ += "\r\n";
   response_ = {};
-  judged_ = false;
-  asked_frames_ = 0;
+  header_checked_ = false;
+  response_frames_ = 0;
   parser_.reset();
 }
 
@@ -207,15 +209,15 @@ bool HttpBackend::receive(bool& closed) {
     response_.feed({buffer_.data(), static_cast<std::size_t>(count)}, body_);
     if (response_.state() == HttpResponseParser::State::kBroken) return true;
     if (response_.state() != HttpResponseParser::State::kHeader && response_.status() == 200) {
-      asked_frames_ += parser_.feed(body_);
+      response_frames_ += parser_.feed(body_);
     }
     if (response_.state() == HttpResponseParser::State::kDone) return true;
   }
   return true;
 }
 
-std::optional<LiveFailure> HttpBackend::judge_header(const std::stop_token& stop) {
-  judged_ = true;
+std::optional<LiveFailure> HttpBackend::check_header(const std::stop_token& stop) {
+  header_checked_ = true;
   const int status = response_.status();
   if (status >= 300 && status < 400 && !response_.location().empty()) {
     return follow(response_.location(), stop);
@@ -223,10 +225,10 @@ std::optional<LiveFailure> HttpBackend::judge_header(const std::stop_token& stop
   if (status != 200) {
     LiveFailure failure;
     failure.reason = fmt::format("the server answers {} {}", status, response_.status_text());
-    failure.definite = status >= 400 && status < 500 && status != 408 && status != 429;
+    failure.permanent = status >= 400 && status < 500 && status != 408 && status != 429;
     failure.denied = status == 401 || status == 403;
     if (status == 401) {
-      failure.reason += given_.url.user.empty()
+      failure.reason += original_endpoint_.url.user.empty()
                             ? "; give a name and password: name:password@ before the host"
                             : "; name or password are wrong";
     }
@@ -238,17 +240,17 @@ std::optional<LiveFailure> HttpBackend::judge_header(const std::stop_token& stop
         .reason = fmt::format("the server sends {}, not images; is this the address of the "
                               "stream itself?",
                               response_.content_type()),
-        .definite = true};
+        .permanent = true};
   }
-  if (place_.tls && is_playlist_type(type) && !security_.insecure) {
+  if (endpoint_.tls && is_playlist_type(type) && !security_.insecure) {
     return LiveFailure{
         .reason =
             "the server sends a playlist (HLS or DASH), and certificates of what it points "
             "to cannot be checked: do without (option 'insecure'), or use the camera's rtsps or "
             "MJPEG",
-        .definite = true};
+        .permanent = true};
   }
-  if (place_.tls && (is_playlist_type(type) || is_video_type(type))) {
+  if (endpoint_.tls && (is_playlist_type(type) || is_video_type(type))) {
     for_ffmpeg_ = true;
     return LiveFailure{.reason = "is another kind of video"};
   }
@@ -261,38 +263,38 @@ std::optional<LiveFailure> HttpBackend::judge_header(const std::stop_token& stop
 std::optional<LiveFailure> HttpBackend::follow(const std::string& location,
                                                const std::stop_token& stop) {
   if (++redirects_ > kMaxRedirects) {
-    return LiveFailure{.reason = "redirects too often", .definite = true};
+    return LiveFailure{.reason = "redirects too often", .permanent = true};
   }
-  Place next = place_;
+  Endpoint next = endpoint_;
   bool allowed = true;
   try {
     if (location.starts_with("/") && !location.starts_with("//")) {
       next.url.target = parse_url("http://host" + location, "http", 80).target;
     } else {
-      next = parse_place(location);
+      next = parse_endpoint(location);
     }
-    allowed = next.tls || !place_.tls;
+    allowed = next.tls || !endpoint_.tls;
   } catch (const InputError&) {
     allowed = false;
   }
   if (!allowed) {
     return LiveFailure{.reason = fmt::format("redirects to '{}'; only {} is followed",
-                                             masked(location), place_.tls ? "https" : "http(s)"),
-                       .definite = true};
+                                             masked(location), endpoint_.tls ? "https" : "http(s)"),
+                       .permanent = true};
   }
-  place_ = std::move(next);
-  if (place_.tls && trust_ == nullptr) {
+  endpoint_ = std::move(next);
+  if (endpoint_.tls && trust_ == nullptr) {
     try {
       trust_ = std::make_shared<const TlsTrust>(security_);
     } catch (const InputError& error) {
-      return LiveFailure{.reason = error.what(), .definite = true};
+      return LiveFailure{.reason = error.what(), .permanent = true};
     }
   }
   LiveFailure failure;
   tls_.reset();
-  socket_ = connect_tcp(place_.url.host, place_.url.port, timeout_, stop, failure);
+  socket_ = connect_tcp(endpoint_.url.host, endpoint_.url.port, timeout_, stop, failure);
   if (!socket_.is_open()) return failure;
-  ask();
+  start_request();
   return std::nullopt;
 }
 
@@ -316,14 +318,14 @@ LiveRead HttpBackend::read(milliseconds timeout, const std::stop_token& stop) {
       }
       next_snapshot_ = now + snapshot_period_;
       LiveFailure failure;
-      socket_ = connect_tcp(place_.url.host, place_.url.port, timeout_, stop, failure);
+      socket_ = connect_tcp(endpoint_.url.host, endpoint_.url.port, timeout_, stop, failure);
       if (!socket_.is_open()) return end_with(std::move(failure));
-      ask();
+      start_request();
     }
     if (tls_ && !tls_->is_ready()) {
       const TlsStream::Step step = tls_->handshake();
       if (step == TlsStream::Step::kFailed) {
-        return end_with({.reason = tls_->error_message(), .definite = tls_->is_definite()});
+        return end_with({.reason = tls_->error_message(), .permanent = tls_->is_permanent()});
       }
       if (step == TlsStream::Step::kAgain) {
         if (!wait_for(socket_.get(), tls_->poll_events(), deadline, stop)) break;
@@ -339,21 +341,21 @@ LiveRead HttpBackend::read(milliseconds timeout, const std::stop_token& stop) {
     const bool has_pending = tls_ && tls_->has_pending();
     if (!has_pending && !wait_for(socket_.get(), events, deadline, stop)) break;
 
-    const std::int64_t before = asked_frames_;
+    const std::int64_t before = response_frames_;
     bool closed = false;
     if (!receive(closed)) return end_with({.reason = "the connection broke"});
     if (response_.state() == State::kBroken) {
       return end_with(
-          {.reason = fmt::format("the server {}", response_.error_message()), .definite = true});
+          {.reason = fmt::format("the server {}", response_.error_message()), .permanent = true});
     }
-    if (response_.state() != State::kHeader && !judged_) {
-      if (auto failure = judge_header(stop)) return end_with(std::move(*failure));
-      if (!judged_) continue;  // redirected
+    if (response_.state() != State::kHeader && !header_checked_) {
+      if (auto failure = check_header(stop)) return end_with(std::move(*failure));
+      if (!header_checked_) continue;  // redirected
     }
     const bool over = closed || response_.state() == State::kDone;
-    if (asked_frames_ > before) {
+    if (response_frames_ > before) {
       result.kind = LiveRead::Kind::kFrame;
-      result.frames = asked_frames_ - before;
+      result.frames = response_frames_ - before;
       result.image.encoded = parser_.take();
       result.image.arrived = Clock::now();
       if (const auto header = probe_image(result.image.encoded)) {
@@ -361,13 +363,14 @@ LiveRead HttpBackend::read(milliseconds timeout, const std::stop_token& stop) {
       }
     }
     if (over) {
-      if (is_snapshot_ && asked_frames_ == 1) {
+      if (is_snapshot_ && response_frames_ == 1) {
         tls_.reset();
         socket_.close();
         if (next_snapshot_ == Clock::time_point{}) next_snapshot_ = Clock::now() + snapshot_period_;
       } else if (result.kind != LiveRead::Kind::kFrame) {
-        return end_with({.reason = judged_ ? "the server ended the stream"
-                                           : "the server closed the connection without an answer"});
+        return end_with({.reason = header_checked_
+                                       ? "the server ended the stream"
+                                       : "the server closed the connection without an answer"});
       }
       // Otherwise return the frame first; the next read() sees the end again.
     }
@@ -394,7 +397,7 @@ class HttpsBackend final : public LiveBackend {
     try {
       child_ = make_child_backend(ffmpeg_command(http_->address(), options_));
     } catch (const Error& error) {
-      read.failure = {.reason = error.what(), .definite = true};
+      read.failure = {.reason = error.what(), .permanent = true};
       return read;
     }
     http_.reset();  // close the connection first: a small camera may accept only one
@@ -406,7 +409,7 @@ class HttpsBackend final : public LiveBackend {
   }
   [[nodiscard]] std::string detail() const override { return current().detail(); }
   [[nodiscard]] double fps() const override { return current().fps(); }
-  [[nodiscard]] bool may_wake_up() const override { return current().may_wake_up(); }
+  [[nodiscard]] bool may_recover() const override { return current().may_recover(); }
   [[nodiscard]] double startup_s() const override { return current().startup_s(); }
 
  private:
@@ -423,7 +426,7 @@ class HttpsBackend final : public LiveBackend {
 
 std::unique_ptr<LiveBackend> make_http_backend(const std::string& url,
                                                const SourceOptions& options) {
-  if (parse_place(url).tls) return std::make_unique<HttpsBackend>(url, options);
+  if (parse_endpoint(url).tls) return std::make_unique<HttpsBackend>(url, options);
   return std::make_unique<HttpBackend>(url, options);
 }
 

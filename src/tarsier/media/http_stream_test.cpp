@@ -114,7 +114,7 @@ TEST(HttpResponse, InvalidAnswersAreBrokenAndBounded) {
 }
 
 // A few such responses are waited out. A server that sends nothing else is given up.
-TEST(HttpResponse, InterimAnswersAreCountedAndEndTheConnection) {
+TEST(HttpResponse, LimitsInterimResponses) {
   using State = HttpResponseParser::State;
   const std::string interim = "HTTP/1.1 100 \n\n";
   const std::string real = "HTTP/1.1 200 OK\r\nContent-Length: 3\r\n\r\nabc";
@@ -201,12 +201,12 @@ TEST(HttpStream, PasswordIsSentOnlyToItsHost) {
   EXPECT_TRUE(other.requests().at(0).starts_with("GET /elsewhere HTTP/1.1\r\n"));
 }
 
-TEST(HttpStream, RedirectsHaveLimits) {
+TEST(HttpStream, LimitsRedirects) {
   HttpServer circle([](const std::string&) {
     return HttpServer::Reply{"HTTP/1.1 302 Found\r\nLocation: /again\r\n\r\n", false, false};
   });
   Outcome outcome = read_frames(circle.url(), 1);
-  EXPECT_TRUE(outcome.ended && outcome.failure.definite);
+  EXPECT_TRUE(outcome.ended && outcome.failure.permanent);
   EXPECT_EQ(circle.connections(), 4);
   for (const char* target : {"https://127.0.0.1/", "file:///etc/passwd", "//evil/", "gopher://x"}) {
     HttpServer server([target](const std::string&) {
@@ -214,7 +214,7 @@ TEST(HttpStream, RedirectsHaveLimits) {
           std::string("HTTP/1.1 301 Moved\r\nLocation: ") + target + "\r\n\r\n", false, false};
     });
     outcome = read_frames(server.url(), 1);
-    EXPECT_TRUE(outcome.ended && outcome.failure.definite) << target;
+    EXPECT_TRUE(outcome.ended && outcome.failure.permanent) << target;
   }
 }
 
@@ -237,14 +237,14 @@ TEST(HttpStream, ErrorsNameWhyAServerIsNoCamera) {
             "the server ended the stream");
 }
 
-TEST(HttpStream, AMissingServerIsADefiniteFailure) {
+TEST(HttpStream, AMissingServerIsAPermanentFailure) {
   std::uint16_t port = 0;
   {
     const HttpServer gone;
     port = gone.port();
   }
   const Outcome outcome = read_frames("http://127.0.0.1:" + std::to_string(port) + "/", 1);
-  EXPECT_TRUE(outcome.failure.definite);
+  EXPECT_TRUE(outcome.failure.permanent);
   EXPECT_TRUE(outcome.failure.unreachable);
   EXPECT_NE(outcome.failure.reason.find("connection refused"), std::string::npos);
 }
@@ -263,7 +263,7 @@ TEST(HttpStream, SnapshotsArePolled) {
   EXPECT_EQ(outcome.numbers, (std::vector<int>{1, 2, 3, 4})) << outcome.failure.reason;
 }
 
-TEST(HttpStream, AProbeKeepsTheOnlyConnectionOfAnFfmpegLikeServer) {
+TEST(HttpStream, ProbeKeepsConnectionOfSingleClientServer) {
   HttpServer server;
   server.one_client = true;
   const auto backend = make_http_backend(server.url(), {});

@@ -42,13 +42,13 @@ void note(j_common_ptr codec, int level) {
     reinterpret_cast<JpegErrors*>(codec->err)->warned = true;
 }
 
-void say_nothing(j_common_ptr) {}
+void ignore_message(j_common_ptr) {}
 
 void init(JpegErrors& errors) {
   jpeg_std_error(&errors.manager);
   errors.manager.error_exit = leave;
   errors.manager.emit_message = note;
-  errors.manager.output_message = say_nothing;
+  errors.manager.output_message = ignore_message;
 }
 
 // Whether the image may need rotation, which is left to OpenCV.
@@ -73,10 +73,11 @@ bool decode_jpeg(Bytes bytes, const ImageHeader& header, bool gray, cv::Mat& ima
   jpeg_mem_src(&codec, bytes.data(), static_cast<unsigned long>(bytes.size()));
   jpeg_save_markers(&codec, JPEG_APP0 + 1, 16);
   jpeg_read_header(&codec, TRUE);
-  const bool taken = !has_exif(codec) && (codec.num_components == 1 || codec.num_components == 3) &&
-                     codec.image_width == static_cast<JDIMENSION>(header.width) &&
-                     codec.image_height == static_cast<JDIMENSION>(header.height);
-  if (taken) {
+  const bool is_supported = !has_exif(codec) &&
+                            (codec.num_components == 1 || codec.num_components == 3) &&
+                            codec.image_width == static_cast<JDIMENSION>(header.width) &&
+                            codec.image_height == static_cast<JDIMENSION>(header.height);
+  if (is_supported) {
     codec.out_color_space = gray ? JCS_GRAYSCALE : JCS_EXT_BGR;
     codec.out_color_components = gray ? 1 : 3;
     jpeg_start_decompress(&codec);
@@ -87,7 +88,7 @@ bool decode_jpeg(Bytes bytes, const ImageHeader& header, bool gray, cv::Mat& ima
     jpeg_finish_decompress(&codec);
   }
   jpeg_destroy_decompress(&codec);
-  return taken && !errors.warned;
+  return is_supported && !errors.warned;
 }
 
 // `buffer` is allocated with malloc; the caller frees it.
@@ -132,41 +133,42 @@ struct PngErrors {
   bool warned = false;
 };
 
-[[noreturn]] void png_leave(png_structp codec, png_const_charp) {
+[[noreturn]] void png_fail(png_structp codec, png_const_charp) {
   std::longjmp(static_cast<PngErrors*>(png_get_error_ptr(codec))->jump, 1);
 }
 
-void png_note(png_structp codec, png_const_charp) {
+void png_warn(png_structp codec, png_const_charp) {
   static_cast<PngErrors*>(png_get_error_ptr(codec))->warned = true;
 }
 
-void png_take(png_structp codec, png_bytep into, std::size_t count) {
-  Bytes& left = *static_cast<Bytes*>(png_get_io_ptr(codec));
-  if (left.size() < count) png_error(codec, "end of the bytes");
-  std::copy_n(left.begin(), count, into);
-  left = left.subspan(count);
+void png_read_bytes(png_structp codec, png_bytep into, std::size_t count) {
+  Bytes& remaining = *static_cast<Bytes*>(png_get_io_ptr(codec));
+  if (remaining.size() < count) png_error(codec, "end of the bytes");
+  std::copy_n(remaining.begin(), count, into);
+  remaining = remaining.subspan(count);
 }
 
 bool decode_png(Bytes bytes, const ImageHeader& header, bool gray, cv::Mat& image) {
   PngErrors errors;
-  png_structp codec = png_create_read_struct(PNG_LIBPNG_VER_STRING, &errors, png_leave, png_note);
+  png_structp codec = png_create_read_struct(PNG_LIBPNG_VER_STRING, &errors, png_fail, png_warn);
   if (codec == nullptr) return false;
   png_infop info = png_create_info_struct(codec);
   if (setjmp(errors.jump) != 0) {
     png_destroy_read_struct(&codec, &info, nullptr);
     return false;
   }
-  if (info == nullptr) png_leave(codec, nullptr);
-  png_set_read_fn(codec, &bytes, png_take);
+  if (info == nullptr) png_fail(codec, nullptr);
+  png_set_read_fn(codec, &bytes, png_read_bytes);
   png_read_info(codec, info);
   const int color = png_get_color_type(codec, info);
-  const bool taken = png_get_bit_depth(codec, info) == 8 &&
-                     (color == PNG_COLOR_TYPE_GRAY || color == PNG_COLOR_TYPE_RGB) &&
-                     png_get_interlace_type(codec, info) == PNG_INTERLACE_NONE &&
-                     png_get_valid(codec, info, PNG_INFO_tRNS | PNG_INFO_eXIf) == 0 &&
-                     png_get_image_width(codec, info) == static_cast<png_uint_32>(header.width) &&
-                     png_get_image_height(codec, info) == static_cast<png_uint_32>(header.height);
-  if (taken) {
+  const bool is_supported =
+      png_get_bit_depth(codec, info) == 8 &&
+      (color == PNG_COLOR_TYPE_GRAY || color == PNG_COLOR_TYPE_RGB) &&
+      png_get_interlace_type(codec, info) == PNG_INTERLACE_NONE &&
+      png_get_valid(codec, info, PNG_INFO_tRNS | PNG_INFO_eXIf) == 0 &&
+      png_get_image_width(codec, info) == static_cast<png_uint_32>(header.width) &&
+      png_get_image_height(codec, info) == static_cast<png_uint_32>(header.height);
+  if (is_supported) {
     if (gray && color == PNG_COLOR_TYPE_RGB) png_set_rgb_to_gray(codec, 1, 0.299, 0.587);
     if (!gray && color == PNG_COLOR_TYPE_GRAY) png_set_gray_to_rgb(codec);
     if (!gray) png_set_bgr(codec);
@@ -175,9 +177,9 @@ bool decode_png(Bytes bytes, const ImageHeader& header, bool gray, cv::Mat& imag
     png_read_end(codec, info);
   }
   // eXIf may follow the pixels.
-  const bool turned = taken && png_get_valid(codec, info, PNG_INFO_eXIf) != 0;
+  const bool turned = is_supported && png_get_valid(codec, info, PNG_INFO_eXIf) != 0;
   png_destroy_read_struct(&codec, &info, nullptr);
-  return taken && !turned && !errors.warned;
+  return is_supported && !turned && !errors.warned;
 }
 
 struct Grown {
@@ -185,7 +187,7 @@ struct Grown {
   bool failed = false;
 };
 
-void png_give(png_structp codec, png_bytep from, std::size_t count) {
+void png_write_bytes(png_structp codec, png_bytep from, std::size_t count) {
   Grown& grown = *static_cast<Grown*>(png_get_io_ptr(codec));
   try {
     grown.bytes->insert(grown.bytes->end(), from, from + count);
@@ -201,15 +203,15 @@ void png_flush_nothing(png_structp) {}
 // level.
 bool encode_png(const cv::Mat& image, Grown& grown) {
   PngErrors errors;
-  png_structp codec = png_create_write_struct(PNG_LIBPNG_VER_STRING, &errors, png_leave, png_note);
+  png_structp codec = png_create_write_struct(PNG_LIBPNG_VER_STRING, &errors, png_fail, png_warn);
   if (codec == nullptr) return false;
   png_infop info = png_create_info_struct(codec);
   if (setjmp(errors.jump) != 0) {
     png_destroy_write_struct(&codec, &info);
     return false;
   }
-  if (info == nullptr) png_leave(codec, nullptr);
-  png_set_write_fn(codec, &grown, png_give, png_flush_nothing);
+  if (info == nullptr) png_fail(codec, nullptr);
+  png_set_write_fn(codec, &grown, png_write_bytes, png_flush_nothing);
   png_set_filter(codec, PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB);
   png_set_compression_level(codec, Z_BEST_SPEED);
   png_set_compression_strategy(codec, Z_RLE);
@@ -235,15 +237,15 @@ cv::Mat decode_plain(Bytes bytes, const ImageHeader& header, bool gray) {
   return decoded ? image : cv::Mat();
 }
 
-std::vector<std::uint8_t> encode_plain(std::string_view ending, const cv::Mat& image,
+std::vector<std::uint8_t> encode_plain(std::string_view extension, const cv::Mat& image,
                                        int jpeg_quality) {
   std::vector<std::uint8_t> bytes;
   if (image.depth() != CV_8U || (image.channels() != 1 && image.channels() != 3)) return bytes;
-  if (ending == ".png") {
+  if (extension == ".png") {
     Grown grown{&bytes};
     if (!encode_png(image, grown)) bytes.clear();
     if (grown.failed) throw std::bad_alloc();
-  } else if (ending == ".jpg" || ending == ".jpeg") {
+  } else if (extension == ".jpg" || extension == ".jpeg") {
     unsigned char* buffer = nullptr;
     unsigned long size = 0;
     const bool encoded = encode_jpeg(image, jpeg_quality, buffer, size);

@@ -28,10 +28,10 @@ cv::Mat noisy(int type, int width = 61, int height = 47) {
   return image;
 }
 
-Data by_opencv(const std::string& ending, const cv::Mat& image,
+Data by_opencv(const std::string& extension, const cv::Mat& image,
                const std::vector<int>& parameters = {}) {
   Data bytes;
-  cv::imencode(ending, image, bytes, parameters);
+  cv::imencode(extension, image, bytes, parameters);
   return bytes;
 }
 
@@ -49,7 +49,7 @@ bool same(const cv::Mat& one, const cv::Mat& other) {
          cv::norm(one, other, cv::NORM_INF) <= (kIsExact ? 0 : 1);
 }
 
-TEST(ImageCodec, DecodesAsOpenCv) {
+TEST(ImageCodec, DecodingMatchesOpenCv) {
   for (const int type : {CV_8UC1, CV_8UC3}) {
     const cv::Mat image = noisy(type);
     const std::array<Data, 6> files{
@@ -68,22 +68,24 @@ TEST(ImageCodec, DecodesAsOpenCv) {
   }
 }
 
-void expect_same_file(const std::string& ending, const cv::Mat& image, int quality) {
-  const Data ours = encode_plain(ending, image, quality);
+void expect_same_file(const std::string& extension, const cv::Mat& image, int quality) {
+  const Data from_tarsier = encode_plain(extension, image, quality);
   std::vector<int> parameters;
-  if (ending == ".jpg") parameters = {cv::IMWRITE_JPEG_QUALITY, quality};
-  const Data theirs = by_opencv(ending, image, parameters);
+  if (extension == ".jpg") parameters = {cv::IMWRITE_JPEG_QUALITY, quality};
+  const Data from_opencv = by_opencv(extension, image, parameters);
   if (kIsExact) {
-    EXPECT_EQ(ours, theirs) << ending << " " << image.type() << " quality " << quality;
+    EXPECT_EQ(from_tarsier, from_opencv)
+        << extension << " " << image.type() << " quality " << quality;
   }
-  const cv::Mat back = cv::imdecode(ours, cv::IMREAD_UNCHANGED);
-  EXPECT_TRUE(same(back, cv::imdecode(theirs, cv::IMREAD_UNCHANGED))) << ending << " " << quality;
-  if (ending == ".png") {
+  const cv::Mat back = cv::imdecode(from_tarsier, cv::IMREAD_UNCHANGED);
+  EXPECT_TRUE(same(back, cv::imdecode(from_opencv, cv::IMREAD_UNCHANGED)))
+      << extension << " " << quality;
+  if (extension == ".png") {
     EXPECT_EQ(cv::norm(back, image, cv::NORM_INF), 0);
   }
 }
 
-TEST(ImageCodec, EncodesAsOpenCv) {
+TEST(ImageCodec, EncodingMatchesOpenCv) {
   for (const int type : {CV_8UC1, CV_8UC3}) {
     const cv::Mat whole = noisy(type);
     const cv::Mat part = whole(cv::Rect(3, 5, 40, 30));  // rows are not contiguous
@@ -116,7 +118,7 @@ TEST(ImageCodec, LeavesOtherFormatsToOpenCv) {
 }
 
 // EXIF after the start of the image, orientation 6: rotated by 90 degrees.
-TEST(ImageCodec, LeavesTurnedImagesToOpenCv) {
+TEST(ImageCodec, DeclinesRotatedImages) {
   Data bytes = by_opencv(".jpg", noisy(CV_8UC3));
   const Data exif{0xFF, 0xE1, 0, 34, 'E', 'x', 'i', 'f', 0, 0,  // APP1
                   'M',  'M',  0, 42, 0,   0,   0,   8,          // TIFF, big-endian
@@ -138,12 +140,12 @@ TEST(ImageCodec, AcceptsAJpegWithTrailingBytes) {
 }
 
 TEST(ImageCodec, BrokenPixelsAreRefused) {
-  for (const char* ending : {".jpg", ".png"}) {
-    const Data whole = by_opencv(ending, noisy(CV_8UC3));
+  for (const char* extension : {".jpg", ".png"}) {
+    const Data whole = by_opencv(extension, noisy(CV_8UC3));
     const auto header = probe_image(whole);
     for (std::size_t size = 40; size + 64 < whole.size(); size += 97) {
       const Data cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
-      EXPECT_TRUE(decode_plain(cut, *header, false).empty()) << ending << " cut to " << size;
+      EXPECT_TRUE(decode_plain(cut, *header, false).empty()) << extension << " cut to " << size;
     }
     ImageHeader other = *header;
     other.width += 1;

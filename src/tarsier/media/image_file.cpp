@@ -65,10 +65,10 @@ cv::Mat decode(Bytes bytes, const std::string& name, const ImageLimits& limits, 
   }
   cv::Mat image;
   try {
-    std::vector<std::uint8_t> kept;
-    const std::string damage = find_image_damage(bytes, *header, kept);
+    std::vector<std::uint8_t> needed_chunks;
+    const std::string damage = find_image_damage(bytes, *header, needed_chunks);
     if (!damage.empty()) throw InputError(name, damage);
-    const Bytes source = kept.empty() ? bytes : Bytes(kept);
+    const Bytes source = needed_chunks.empty() ? bytes : Bytes(needed_chunks);
     image = decode_plain(source, *header, (flags & cv::IMREAD_COLOR) == 0);
     if (image.empty()) {
       const cv::Mat data(1, static_cast<int>(source.size()), CV_8UC1,
@@ -245,8 +245,8 @@ std::string read_bytes(const std::string& path, std::int64_t max_bytes, bool who
 
 }  // namespace
 
-std::string read_start(const std::string& path, std::int64_t most) {
-  return read_bytes(path, most, false);
+std::string read_start(const std::string& path, std::int64_t max_bytes) {
+  return read_bytes(path, max_bytes, false);
 }
 
 std::string read_file(const std::string& path, std::int64_t max_bytes) {

@@ -46,17 +46,17 @@ struct ImageHeader {
 // atomically. Throws OutputError; UsageError for another extension.
 void write_image(const std::string& path, const cv::Mat& image, int jpeg_quality = 90);
 
-// Returns the encoded bytes of an image; `ending` includes the dot. Throws UsageError for an
+// Returns the encoded bytes of an image; `extension` includes the dot. Throws UsageError for an
 // unknown extension and OutputError(name) if the format cannot hold the image (size).
-[[nodiscard]] std::vector<std::uint8_t> encode_image(std::string_view ending, const cv::Mat& image,
-                                                     const std::string& name,
+[[nodiscard]] std::vector<std::uint8_t> encode_image(std::string_view extension,
+                                                     const cv::Mat& image, const std::string& name,
                                                      int jpeg_quality = 90);
 
 // True for the extensions that write_image() supports.
 [[nodiscard]] bool is_image_path(std::string_view path);
 
-// Reads the first bytes of a file, at most `most`. Throws InputError as read_file() does.
-[[nodiscard]] std::string read_start(const std::string& path, std::int64_t most);
+// Reads the first bytes of a file, at most `max_bytes`. Throws InputError as read_file() does.
+[[nodiscard]] std::string read_start(const std::string& path, std::int64_t max_bytes);
 
 // Reads a whole file. Throws InputError (missing, a folder, larger than `max_bytes`).
 [[nodiscard]] std::string read_file(const std::string& path, std::int64_t max_bytes);

@@ -41,10 +41,10 @@ cv::Mat test_image(int width = 64, int height = 48) {
   return image;
 }
 
-Data encoded(const std::string& ending, const cv::Mat& image,
+Data encoded(const std::string& extension, const cv::Mat& image,
              const std::vector<int>& parameters = {}) {
   Data bytes;
-  cv::imencode(ending, image, bytes, parameters);
+  cv::imencode(extension, image, bytes, parameters);
   return bytes;
 }
 
@@ -87,7 +87,7 @@ Data png_of_claimed_size(std::uint32_t width, std::uint32_t height) {
 }
 
 struct Format {
-  std::string ending;
+  std::string extension;
   std::vector<int> parameters;
   ImageFormat format;
   double error;  // max mean difference, grey levels
@@ -115,42 +115,42 @@ const std::vector<Format>& formats() {
 
 TEST(ImageFile, EveryFormatRoundTrips) {
   for (const Format& f : formats()) {
-    const Data bytes = encoded(f.ending, test_image(), f.parameters);
+    const Data bytes = encoded(f.extension, test_image(), f.parameters);
     const auto header = probe_image(bytes);
-    ASSERT_TRUE(header) << f.ending;
+    ASSERT_TRUE(header) << f.extension;
     EXPECT_EQ(header->format, f.format);
     EXPECT_EQ(header->width, 64);
     EXPECT_EQ(header->height, 48);
     const cv::Mat image = decode_image(bytes, "x");
     ASSERT_EQ(image.type(), CV_8UC3);
-    EXPECT_LE(cv::norm(image, test_image(), cv::NORM_L1) / (64 * 48 * 3), f.error) << f.ending;
+    EXPECT_LE(cv::norm(image, test_image(), cv::NORM_L1) / (64 * 48 * 3), f.error) << f.extension;
   }
 }
 
 TEST(ImageFile, TruncatedFilesAreRefused) {
   for (const Format& f : formats()) {
-    const Data whole = encoded(f.ending, test_image(), f.parameters);
+    const Data whole = encoded(f.extension, test_image(), f.parameters);
     // A WebP file may have one byte of padding, and an ASCII image a last line break.
     for (std::size_t size = 0; size + 2 < whole.size(); size += size < 64 ? 1 : 37) {
       const Data cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
       EXPECT_NE(refusal(cut), "accepted")
-          << f.ending << " cut to " << size << " of " << whole.size();
+          << f.extension << " cut to " << size << " of " << whole.size();
     }
   }
 }
 
-TEST(ImageFile, TheReasonOfTruncationIsNamed) {
-  for (const char* ending : {".jpg", ".png", ".bmp", ".webp", ".ppm"}) {
-    Data bytes = encoded(ending, test_image());
+TEST(ImageFile, ErrorsSayTruncated) {
+  for (const char* extension : {".jpg", ".png", ".bmp", ".webp", ".ppm"}) {
+    Data bytes = encoded(extension, test_image());
     bytes.resize(bytes.size() * 2 / 3);
-    EXPECT_THAT(refusal(bytes), HasSubstr("truncated")) << ending;
+    EXPECT_THAT(refusal(bytes), HasSubstr("truncated")) << extension;
   }
 }
 
 TEST(ImageFile, DamagedBytesNeverCrash) {
   Rng rng(3);
   for (const Format& f : formats()) {
-    const Data whole = encoded(f.ending, test_image(), f.parameters);
+    const Data whole = encoded(f.extension, test_image(), f.parameters);
     for (int round = 0; round < 150; ++round) {
       Data bytes = whole;
       for (int i = rng.integer(1, 6); i > 0; --i) {
@@ -170,7 +170,7 @@ TEST(ImageFile, DamagedBytesNeverCrash) {
   }
 }
 
-TEST(ImageFile, BytesAfterTheEndOfAJpegDoNotMatter) {
+TEST(ImageFile, IgnoresBytesAfterJpegEnd) {
   Data bytes = encoded(".jpg", test_image());
   bytes.insert(bytes.end(), 100, 0);
   EXPECT_EQ(refusal(bytes), "accepted");
@@ -219,7 +219,7 @@ TEST(ImageFile, HugeSizesAreRefusedBeforeDecoding) {
 }
 
 // OpenCV's DICOM reader ends the process for such a file, so the file must not reach it.
-TEST(ImageFile, AnImageThatIsADicomFileAsWellIsRefused) {
+TEST(ImageFile, RejectsImagesThatAreAlsoDicom) {
   Data bytes = encoded(".webp", test_image(), {cv::IMWRITE_WEBP_QUALITY, 101});
   bytes.resize(std::max<std::size_t>(bytes.size(), 200));
   constexpr std::string_view kMark = "DICM";
@@ -231,11 +231,11 @@ TEST(ImageFile, AnImageThatIsADicomFileAsWellIsRefused) {
   EXPECT_THAT(refusal(Data(pnm.begin(), pnm.end())), HasSubstr("DICOM"));
 }
 
-TEST(ImageFile, APngThatClaimsMoreRowsThanItHasIsRefused) {
+TEST(ImageFile, RejectsPngWithMissingRows) {
   EXPECT_THAT(refusal(png_of_claimed_size(64, 4000)), HasSubstr("broken PNG"));
 }
 
-TEST(ImageFile, AWrongChecksumInAPngIsNamed) {
+TEST(ImageFile, ReportsWrongPngChecksum) {
   Data bytes = encoded(".png", test_image());
   bytes[bytes.size() / 2] ^= 1;
   EXPECT_THAT(refusal(bytes), HasSubstr("checksum"));
@@ -252,7 +252,7 @@ TEST(ImageFile, TextAndProfilesInAPngAreIgnored) {
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
 }
 
-TEST(ImageFile, AJpegOfThousandsOfScansIsRefused) {
+TEST(ImageFile, RejectsJpegWithThousandsOfScans) {
   const Data whole = encoded(".jpg", test_image(), {cv::IMWRITE_JPEG_PROGRESSIVE, 1});
   // Repeats the last scan many times before the end marker.
   std::size_t at = whole.size() - 3;
@@ -264,7 +264,7 @@ TEST(ImageFile, AJpegOfThousandsOfScansIsRefused) {
   EXPECT_THAT(refusal(bomb), HasSubstr("scans"));
 }
 
-TEST(ImageFile, OtherDepthsAndChannelsBecomeEightBitBgr) {
+TEST(ImageFile, ConvertsToEightBitBgr) {
   cv::Mat deep;
   test_image().convertTo(deep, CV_16U, 257);
   EXPECT_LE(cv::norm(decode_image(encoded(".png", deep), "x"), test_image(), cv::NORM_INF), 1);
@@ -273,17 +273,17 @@ TEST(ImageFile, OtherDepthsAndChannelsBecomeEightBitBgr) {
   EXPECT_EQ(decode_image(encoded(".png", alpha), "x").type(), CV_8UC3);
   cv::Mat gray;
   cv::cvtColor(test_image(), gray, cv::COLOR_BGR2GRAY);
-  for (const char* ending : {".png", ".jpg", ".pgm", ".bmp"}) {
-    const cv::Mat image = decode_image(encoded(ending, gray), "x");
+  for (const char* extension : {".png", ".jpg", ".pgm", ".bmp"}) {
+    const cv::Mat image = decode_image(encoded(extension, gray), "x");
     ASSERT_EQ(image.type(), CV_8UC3);
-    EXPECT_NEAR(cv::mean(image)[0], cv::mean(gray)[0], 1) << ending;
-    EXPECT_NEAR(cv::mean(image)[2], cv::mean(gray)[0], 1) << ending;
+    EXPECT_NEAR(cv::mean(image)[0], cv::mean(gray)[0], 1) << extension;
+    EXPECT_NEAR(cv::mean(image)[2], cv::mean(gray)[0], 1) << extension;
   }
   const Data bilevel = encoded(".png", gray > 100, {cv::IMWRITE_PNG_BILEVEL, 1});
   EXPECT_EQ(decode_image(bilevel, "x").type(), CV_8UC3);
 }
 
-TEST(ImageFile, AsciiAndBitmapPnmWithComments) {
+TEST(ImageFile, ReadsAsciiAndBitmapPnmWithComments) {
   const std::string text = "P3 # a comment\n2 #another\n1\n255\n255 0 0  0 0 255\n";
   const cv::Mat image = decode_image(Data(text.begin(), text.end()), "x");
   ASSERT_EQ(image.size(), cv::Size(2, 1));
@@ -292,7 +292,7 @@ TEST(ImageFile, AsciiAndBitmapPnmWithComments) {
   EXPECT_EQ(decode_image(Data(bits.begin(), bits.end()), "x").size(), cv::Size(8, 2));
 }
 
-TEST(ImageFile, BmpFromTheTopDown) {
+TEST(ImageFile, ReadsTopDownBmp) {
   Data bytes = encoded(".bmp", test_image());
   put_little(bytes, 22, static_cast<std::uint32_t>(-48));
   const auto header = probe_image(bytes);

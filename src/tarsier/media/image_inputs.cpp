@@ -18,7 +18,7 @@ namespace {
 // Whether a file of a glob or list is a video.
 bool is_video(const std::string& path) {
   std::error_code ignored;
-  if (has_image_ending(path) || !std::filesystem::is_regular_file(path, ignored)) return false;
+  if (has_image_extension(path) || !std::filesystem::is_regular_file(path, ignored)) return false;
   try {
     return classify_source(path) == SourceKind::kVideo;
   } catch (const InputError&) {  // reported when it is read

@@ -28,13 +28,13 @@ class Cursor {
     at_ += count;
     return true;
   }
-  std::optional<std::uint32_t> big(int count) {
+  std::optional<std::uint32_t> big_endian(int count) {
     if (!has(static_cast<std::size_t>(count))) return std::nullopt;
     std::uint32_t value = 0;
     for (int i = 0; i < count; ++i) value = value << 8U | bytes_[at_++];
     return value;
   }
-  std::optional<std::uint32_t> little(int count) {
+  std::optional<std::uint32_t> little_endian(int count) {
     if (!has(static_cast<std::size_t>(count))) return std::nullopt;
     std::uint32_t value = 0;
     for (int i = 0; i < count; ++i)
@@ -97,7 +97,7 @@ JpegWalk walk_jpeg(Bytes bytes, bool whole) {
       return walk;
     }
     Cursor segment(bytes, at);
-    const auto length = segment.big(2);
+    const auto length = segment.big_endian(2);
     if (!length) return walk;
     if (*length < 2) {
       walk.broken = "a segment of impossible length";
@@ -109,8 +109,8 @@ JpegWalk walk_jpeg(Bytes bytes, bool whole) {
         return walk;
       }
       (void)segment.skip(1);  // precision
-      const auto height = segment.big(2);
-      const auto width = segment.big(2);
+      const auto height = segment.big_endian(2);
+      const auto width = segment.big_endian(2);
       if (!width) return walk;
       walk.has_frame = true;
       walk.width = static_cast<int>(*width);
@@ -158,17 +158,18 @@ std::uint32_t crc_of(Bytes bytes) {
   return ~c;
 }
 
-// Checks all chunks and copies to `kept` those that the pixels (and their orientation) need. The
+// Checks all chunks and copies to `needed_chunks` those that the pixels (and their orientation) need. The
 // other chunks (text, colour profiles) can hold decompression bombs and cause warnings of the
 // decoder. Returns what is wrong.
-std::string check_png(Bytes bytes, std::vector<std::uint8_t>& kept) {
-  kept.reserve(bytes.size());
-  kept.assign(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(kPngMagic.size()));
+std::string check_png(Bytes bytes, std::vector<std::uint8_t>& needed_chunks) {
+  needed_chunks.reserve(bytes.size());
+  needed_chunks.assign(bytes.begin(),
+                       bytes.begin() + static_cast<std::ptrdiff_t>(kPngMagic.size()));
   std::size_t at = kPngMagic.size();
   bool has_data = false;
   while (true) {
     Cursor cursor(bytes, at);
-    const auto length = cursor.big(4);
+    const auto length = cursor.big_endian(4);
     if (!length || !cursor.has(std::size_t{*length} + 8)) return "truncated PNG";
     const Bytes chunk = bytes.subspan(at, std::size_t{*length} + 12);
     const std::string type(chunk.begin() + 4, chunk.begin() + 8);
@@ -176,14 +177,14 @@ std::string check_png(Bytes bytes, std::vector<std::uint8_t>& kept) {
                      [](char c) { return std::isalpha(static_cast<unsigned char>(c)) != 0; })) {
       return "broken PNG: a chunk without a name";
     }
-    const std::uint32_t crc = *Cursor(chunk, chunk.size() - 4).big(4);
+    const std::uint32_t crc = *Cursor(chunk, chunk.size() - 4).big_endian(4);
     if (crc_of(chunk.subspan(4, std::size_t{*length} + 4)) != crc) {
       return fmt::format("broken PNG: wrong checksum of chunk {} at byte {}", type, at);
     }
     constexpr std::array<std::string_view, 6> kNeeded{"IHDR", "PLTE", "tRNS",
                                                       "IDAT", "IEND", "eXIf"};
     if (std::find(kNeeded.begin(), kNeeded.end(), type) != kNeeded.end()) {
-      kept.insert(kept.end(), chunk.begin(), chunk.end());
+      needed_chunks.insert(needed_chunks.end(), chunk.begin(), chunk.end());
     }
     has_data = has_data || type == "IDAT";
     at += chunk.size();
@@ -195,11 +196,11 @@ std::string check_png(Bytes bytes, std::vector<std::uint8_t>& kept) {
 
 std::optional<ImageHeader> probe_png(Bytes bytes) {
   Cursor cursor(bytes, 8);
-  const auto length = cursor.big(4);
+  const auto length = cursor.big_endian(4);
   if (!length || *length != 13 || !starts_with(bytes, "IHDR", 12)) return std::nullopt;
   (void)cursor.skip(4);
-  const auto width = cursor.big(4);
-  const auto height = cursor.big(4);
+  const auto width = cursor.big_endian(4);
+  const auto height = cursor.big_endian(4);
   if (!height) return std::nullopt;
   return ImageHeader{ImageFormat::kPng, clamped(*width), clamped(*height)};
 }
@@ -208,8 +209,8 @@ std::optional<ImageHeader> probe_webp(Bytes bytes) {
   ImageHeader header{ImageFormat::kWebp, 0, 0};
   if (starts_with(bytes, "VP8X", 12)) {
     Cursor cursor(bytes, 24);
-    const auto width = cursor.little(3);
-    const auto height = cursor.little(3);
+    const auto width = cursor.little_endian(3);
+    const auto height = cursor.little_endian(3);
     if (!height) return std::nullopt;
     header.width = static_cast<int>(*width) + 1;
     header.height = static_cast<int>(*height) + 1;
@@ -217,8 +218,8 @@ std::optional<ImageHeader> probe_webp(Bytes bytes) {
   }
   if (starts_with(bytes, "VP8L", 12)) {
     Cursor cursor(bytes, 20);
-    const auto signature = cursor.little(1);
-    const auto bits = cursor.little(4);
+    const auto signature = cursor.little_endian(1);
+    const auto bits = cursor.little_endian(4);
     constexpr unsigned kVersionAt = 29;  // three bits, 0: the version that libwebp reads
     if (!bits || *signature != 0x2F || *bits >> kVersionAt != 0) return std::nullopt;
     header.width = static_cast<int>(*bits & 0x3FFFU) + 1;
@@ -227,9 +228,9 @@ std::optional<ImageHeader> probe_webp(Bytes bytes) {
   }
   if (starts_with(bytes, "VP8 ", 12)) {
     Cursor cursor(bytes, 23);
-    const auto start_code = cursor.big(3);
-    const auto width = cursor.little(2);
-    const auto height = cursor.little(2);
+    const auto start_code = cursor.big_endian(3);
+    const auto width = cursor.little_endian(2);
+    const auto height = cursor.little_endian(2);
     if (!height || *start_code != 0x9D012A) return std::nullopt;
     header.width = static_cast<int>(*width & 0x3FFFU);
     header.height = static_cast<int>(*height & 0x3FFFU);
@@ -248,24 +249,24 @@ struct BmpHeader {
 std::optional<BmpHeader> parse_bmp(Bytes bytes) {
   BmpHeader bmp;
   Cursor cursor(bytes, 10);
-  const auto data_at = cursor.little(4);
-  const auto size = cursor.little(4);
+  const auto data_at = cursor.little_endian(4);
+  const auto size = cursor.little_endian(4);
   if (!size) return std::nullopt;
   bmp.data_at = *data_at;
   std::optional<std::uint32_t> bits;
   if (*size == 12) {
-    const auto width = cursor.little(2);
-    const auto height = cursor.little(2);
+    const auto width = cursor.little_endian(2);
+    const auto height = cursor.little_endian(2);
     (void)cursor.skip(2);
-    bits = cursor.little(2);
+    bits = cursor.little_endian(2);
     if (!bits) return std::nullopt;
     bmp.image.width = static_cast<int>(*width);
     bmp.image.height = static_cast<int>(*height);
   } else {
-    const auto width = cursor.little(4);
-    const auto height = cursor.little(4);
+    const auto width = cursor.little_endian(4);
+    const auto height = cursor.little_endian(4);
     (void)cursor.skip(2);
-    bits = cursor.little(2);
+    bits = cursor.little_endian(2);
     if (!bits) return std::nullopt;
     // Signed; a negative height means that the first row is the top one. A negative width is
     // invalid.
@@ -275,7 +276,7 @@ std::optional<BmpHeader> parse_bmp(Bytes bytes) {
     bmp.image.height =
         clamped(static_cast<std::uint64_t>(signed_height < 0 ? -signed_height : signed_height));
     if (*size > 16) {
-      const auto compression = cursor.little(4);
+      const auto compression = cursor.little_endian(4);
       if (!compression) return std::nullopt;
       bmp.compression = *compression;
     }
@@ -287,7 +288,7 @@ std::optional<BmpHeader> parse_bmp(Bytes bytes) {
 struct PnmHeader {
   ImageHeader image{ImageFormat::kPnm, 0, 0};
   char kind = 0;  // '1'..'6'
-  std::uint64_t most = 1;
+  std::uint64_t max_value = 1;
   std::size_t data_at = 0;
 };
 
@@ -318,9 +319,9 @@ std::optional<PnmHeader> parse_pnm(Bytes bytes) {
   const auto height = width ? number() : std::nullopt;
   if (!height) return std::nullopt;
   if (pnm.kind != '1' && pnm.kind != '4') {
-    const auto most = number();
-    if (!most) return std::nullopt;
-    pnm.most = *most;
+    const auto max_value = number();
+    if (!max_value) return std::nullopt;
+    pnm.max_value = *max_value;
   }
   pnm.data_at = at + 1;  // one white space
   pnm.image.width = clamped(*width);
@@ -355,9 +356,9 @@ std::string check_ascii_pnm(Bytes bytes, const PnmHeader& pnm, std::uint64_t num
 }
 
 std::optional<ImageHeader> probe_tiff(Bytes bytes) {
-  const bool little = bytes[0] == 'I';
+  const bool little_endian = bytes[0] == 'I';
   const auto read = [&](Cursor& cursor, int count) {
-    return little ? cursor.little(count) : cursor.big(count);
+    return little_endian ? cursor.little_endian(count) : cursor.big_endian(count);
   };
   Cursor cursor(bytes, 4);
   const auto directory = read(cursor, 4);
@@ -405,7 +406,7 @@ std::optional<ImageFormat> image_format_of(Bytes bytes) {
     return ImageFormat::kPnm;
   }
   if (starts_with(bytes, "BM") && bytes.size() >= 18) {
-    const std::uint32_t size = *Cursor(bytes, 14).little(4);
+    const std::uint32_t size = *Cursor(bytes, 14).little_endian(4);
     constexpr std::array<std::uint32_t, 8> kHeaderSizes{12, 16, 40, 52, 56, 64, 108, 124};
     if (std::find(kHeaderSizes.begin(), kHeaderSizes.end(), size) != kHeaderSizes.end()) {
       return ImageFormat::kBmp;
@@ -465,7 +466,7 @@ std::string describe_not_an_image(Bytes bytes) {
 }
 
 std::string find_image_damage(Bytes bytes, const ImageHeader& header,
-                              std::vector<std::uint8_t>& kept) {
+                              std::vector<std::uint8_t>& needed_chunks) {
   const auto width = static_cast<std::uint64_t>(header.width);
   const auto height = static_cast<std::uint64_t>(header.height);
   // OpenCV tries its other decoders for data that libwebp or its PNM reader refuse, and its DICOM
@@ -489,9 +490,9 @@ std::string find_image_damage(Bytes bytes, const ImageHeader& header,
       return {};
     }
     case ImageFormat::kPng:
-      return check_png(bytes, kept);
+      return check_png(bytes, needed_chunks);
     case ImageFormat::kWebp: {
-      const std::uint64_t size = *Cursor(bytes, 4).little(4);
+      const std::uint64_t size = *Cursor(bytes, 4).little_endian(4);
       return bytes.size() < size + 8 ? "truncated WebP" : "";
     }
     case ImageFormat::kBmp: {
@@ -512,11 +513,12 @@ std::string find_image_damage(Bytes bytes, const ImageHeader& header,
     case ImageFormat::kPnm: {
       const auto pnm = parse_pnm(bytes);
       if (!pnm) return "truncated PNM";
-      if (pnm->most < 1 || pnm->most > 65535) return "broken PNM: maximum outside 1..65535";
+      if (pnm->max_value < 1 || pnm->max_value > 65535)
+        return "broken PNM: maximum outside 1..65535";
       const std::uint64_t channels = pnm->kind == '3' || pnm->kind == '6' ? 3 : 1;
       if (pnm->kind <= '3') return check_ascii_pnm(bytes, *pnm, width * height * channels);
       const std::uint64_t row =
-          pnm->kind == '4' ? (width + 7) / 8 : width * channels * (pnm->most > 255 ? 2 : 1);
+          pnm->kind == '4' ? (width + 7) / 8 : width * channels * (pnm->max_value > 255 ? 2 : 1);
       return bytes.size() < pnm->data_at + row * height ? "truncated PNM" : "";
     }
     case ImageFormat::kTiff:

@@ -20,10 +20,10 @@ namespace tarsier {
 [[nodiscard]] std::string describe_not_an_image(std::span<const std::uint8_t> bytes);
 
 // What is wrong with the bytes after the header: truncated, wrong checksums, more work than an
-// image can need. Empty if nothing is wrong. For PNG, `kept` receives the chunks that the decoder
+// image can need. Empty if nothing is wrong. For PNG, `needed_chunks` receives the chunks that the decoder
 // needs; for other formats it stays empty.
 [[nodiscard]] std::string find_image_damage(std::span<const std::uint8_t> bytes,
                                             const ImageHeader& header,
-                                            std::vector<std::uint8_t>& kept);
+                                            std::vector<std::uint8_t>& needed_chunks);
 
 }  // namespace tarsier

@@ -85,14 +85,14 @@ cv::Mat imdecode(const cv::Mat& bytes, int flags) {
   return kDecode(bytes, flags);
 }
 
-bool imencode(const std::string& ending, const cv::Mat& image, std::vector<std::uint8_t>& bytes,
+bool imencode(const std::string& extension, const cv::Mat& image, std::vector<std::uint8_t>& bytes,
               const std::vector<int>& parameters) {
   static const auto kEncode =
       find<bool(const cv::String&, cv::InputArray, std::vector<uchar>&, const std::vector<int>&)>(
           imgcodecs(),
           "_ZN2cv8imencodeERKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEERKNS_11_"
           "InputArrayERSt6vectorIhSaIhEERKSB_IiSaIiEE");
-  return kEncode(ending, image, bytes, parameters);
+  return kEncode(extension, image, bytes, parameters);
 }
 
 std::unique_ptr<cv::VideoCapture> make_video_capture() {
@@ -147,9 +147,9 @@ cv::Ptr<cv::BaseCascadeClassifier> load_cascade(const std::string& path) {
 
 cv::Mat imdecode(const cv::Mat& bytes, int flags) { return cv::imdecode(bytes, flags); }
 
-bool imencode(const std::string& ending, const cv::Mat& image, std::vector<std::uint8_t>& bytes,
+bool imencode(const std::string& extension, const cv::Mat& image, std::vector<std::uint8_t>& bytes,
               const std::vector<int>& parameters) {
-  return cv::imencode(ending, image, bytes, parameters);
+  return cv::imencode(extension, image, bytes, parameters);
 }
 
 std::unique_ptr<cv::VideoCapture> make_video_capture() {

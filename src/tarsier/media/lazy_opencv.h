@@ -24,7 +24,7 @@ namespace tarsier::lazy_opencv {
 
 // As cv::imdecode and cv::imencode.
 [[nodiscard]] cv::Mat imdecode(const cv::Mat& bytes, int flags);
-[[nodiscard]] bool imencode(const std::string& ending, const cv::Mat& image,
+[[nodiscard]] bool imencode(const std::string& extension, const cv::Mat& image,
                             std::vector<std::uint8_t>& bytes, const std::vector<int>& parameters);
 
 // Neither object is open. Their member functions are virtual, so nothing else needs to be linked.

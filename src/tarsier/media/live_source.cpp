@@ -70,13 +70,13 @@ class LiveSource final : public FrameSource {
   void supervise(const std::stop_token& stop);
   LiveFailure follow(const std::stop_token& stop);
   bool wait_to_reopen(const LiveFailure& failure, const std::stop_token& stop);
-  bool silent_one_woke_up(milliseconds timeout, const std::stop_token& stop);
+  bool silent_connection_recovered(milliseconds timeout, const std::stop_token& stop);
   void deliver(LiveRead&& read);
   void enter(SourceState state, std::string detail);
-  bool out_of_time(const std::string& reason);
+  bool has_timed_out(const std::string& reason);
   void give_up(const std::string& reason);
-  [[nodiscard]] bool had_frame() const;               // mutex_ held
-  [[nodiscard]] Clock::time_point last_good() const;  // mutex_ held; only when had_frame()
+  [[nodiscard]] bool had_frame() const;                    // mutex_ held
+  [[nodiscard]] Clock::time_point last_decodable() const;  // mutex_ held; only when had_frame()
 
   const std::string name_;
   const std::string label_;
@@ -180,7 +180,9 @@ SourceStatus LiveSource::status() const {
 
 bool LiveSource::had_frame() const { return decoded_any_ || (received_ > 0 && !decode_fails_); }
 
-Clock::time_point LiveSource::last_good() const { return decode_fails_ ? last_decoded_ : newest_; }
+Clock::time_point LiveSource::last_decodable() const {
+  return decode_fails_ ? last_decoded_ : newest_;
+}
 
 void LiveSource::enter(SourceState state, std::string detail) {
   const std::lock_guard lock(mutex_);
@@ -215,7 +217,7 @@ void LiveSource::give_up(const std::string& reason) {
 }
 
 // Whether the user's time limit has passed; then the consumer gets a status.
-bool LiveSource::out_of_time(const std::string& reason) {
+bool LiveSource::has_timed_out(const std::string& reason) {
   std::string message;
   {
     const std::lock_guard lock(mutex_);
@@ -226,7 +228,7 @@ bool LiveSource::out_of_time(const std::string& reason) {
       message = fmt::format("no image within {}{}{}", in_seconds(options_.connect_timeout_s),
                             reason.empty() ? "" : ": ", reason);
     } else {
-      if (options_.give_up_s <= 0 || seconds_between(last_good(), now) < options_.give_up_s) {
+      if (options_.give_up_s <= 0 || seconds_between(last_decodable(), now) < options_.give_up_s) {
         return false;
       }
       message = fmt::format("no image for {}{}{}", in_seconds(options_.give_up_s),
@@ -238,7 +240,7 @@ bool LiveSource::out_of_time(const std::string& reason) {
 }
 
 // Reads the older connection. If it sends again it becomes the current one, and true is returned.
-bool LiveSource::silent_one_woke_up(milliseconds timeout, const std::stop_token& stop) {
+bool LiveSource::silent_connection_recovered(milliseconds timeout, const std::stop_token& stop) {
   LiveRead read = silent_->read(timeout, stop);
   if (read.kind == LiveRead::Kind::kEnded) {
     silent_.reset();
@@ -264,7 +266,8 @@ LiveFailure LiveSource::follow(const std::stop_token& stop) {
       deliver(std::move(read));
       has_frame = true;
     }
-    if (!has_frame && silent_ && silent_one_woke_up(milliseconds(0), stop)) has_frame = true;
+    if (!has_frame && silent_ && silent_connection_recovered(milliseconds(0), stop))
+      has_frame = true;
 
     const Clock::time_point now = Clock::now();
     double quiet_s = seconds_between(opened, now);
@@ -272,7 +275,7 @@ LiveFailure LiveSource::follow(const std::stop_token& stop) {
     {
       const std::lock_guard lock(mutex_);
       if (has_frame && had_frame()) {
-        const double since_last_s = seconds_between(last_good(), now);
+        const double since_last_s = seconds_between(last_decodable(), now);
         quiet_s = std::min(quiet_s, since_last_s);
         is_good = since_last_s < options_.stall_s;
       }
@@ -294,20 +297,20 @@ LiveFailure LiveSource::follow(const std::stop_token& stop) {
       state = SourceState::kStale;
       last_reason_ = fmt::format("no image for {}", in_seconds(allowed_s));
       enter(state, last_reason_);
-      if (current_->may_wake_up()) log_warning("{}: {}; still listening", label_, last_reason_);
+      if (current_->may_recover()) log_warning("{}: {}; still listening", label_, last_reason_);
     }
     const double drop_s =
-        allowed_s + (current_->may_wake_up() ? std::max(options_.stall_s, backoff_s_) : 0);
+        allowed_s + (current_->may_recover() ? std::max(options_.stall_s, backoff_s_) : 0);
     if (quiet_s >= drop_s && !current_->opens_once()) {
       LiveFailure failure;
       failure.reason = fmt::format("no image for {}", in_seconds(quiet_s));
       // A frozen server that accepts only one client would never accept us again after a
       // disconnect. So the old connection stays open until the new one delivers a frame.
-      if (current_->may_wake_up() && !silent_) silent_ = std::move(current_);
+      if (current_->may_recover() && !silent_) silent_ = std::move(current_);
       current_.reset();
       return failure;
     }
-    if (out_of_time(last_reason_)) break;
+    if (has_timed_out(last_reason_)) break;
   }
   return {};
 }
@@ -316,7 +319,8 @@ LiveFailure LiveSource::follow(const std::stop_token& stop) {
 // again.
 bool LiveSource::wait_to_reopen(const LiveFailure& failure, const std::stop_token& stop) {
   double wait_s = backoff_s_;
-  if (!failure.unreachable && !failure.denied) wait_s = std::min(wait_s, timing_.answering_max_s);
+  if (!failure.unreachable && !failure.denied)
+    wait_s = std::min(wait_s, timing_.max_wait_when_answering_s);
   backoff_s_ = std::min(2 * backoff_s_, timing_.backoff_max_s);
   log_warning("{}: {}; retry in {}{}", label_, failure.reason, in_seconds(wait_s),
               failure.unreachable && wait_s > timing_.probe_s ? ", or as soon as it answers" : "");
@@ -325,11 +329,11 @@ bool LiveSource::wait_to_reopen(const LiveFailure& failure, const std::stop_toke
   Clock::time_point next_probe = after(begun, timing_.probe_s);
   while (!stop.stop_requested() && Clock::now() < end) {
     if (silent_) {
-      if (silent_one_woke_up(kSlice, stop)) return true;
+      if (silent_connection_recovered(kSlice, stop)) return true;
     } else {
       sleep_unless_stopped(kSlice, stop);
     }
-    if (out_of_time(failure.reason)) return false;
+    if (has_timed_out(failure.reason)) return false;
     if (failure.unreachable && Clock::now() >= next_probe) {
       if (current_->reachable(milliseconds(500), stop)) return false;
       next_probe = after(Clock::now(), timing_.probe_s);
@@ -369,20 +373,20 @@ void LiveSource::supervise(const std::stop_token& stop) {
         give_up(failure.reason);
         break;
       }
-      bool had_one = false;
+      bool had_any_frame = false;
       {
         const std::lock_guard lock(mutex_);
         if (gave_up_) break;
-        had_one = had_frame();
+        had_any_frame = had_frame();
       }
-      if (!had_one && failure.definite && !options_.wait) {
+      if (!had_any_frame && failure.permanent && !options_.wait) {
         give_up(failure.reason);
         break;
       }
-      if (out_of_time(failure.reason)) break;
+      if (has_timed_out(failure.reason)) break;
       last_reason_ = failure.reason;
       current_ = make_backend_();
-      enter(had_one ? SourceState::kLost : SourceState::kConnecting, failure.reason);
+      enter(had_any_frame ? SourceState::kLost : SourceState::kConnecting, failure.reason);
       is_open = wait_to_reopen(failure, stop);
       if (ended()) break;
     }

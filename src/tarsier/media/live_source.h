@@ -20,7 +20,7 @@ namespace tarsier {
 struct LiveFailure {
   std::string reason;  // one line
   // Before the first frame: waiting does not help (no such device, refused, 404).
-  bool definite = false;
+  bool permanent = false;
   bool unreachable = false;  // nothing answers: probe once a second
   bool denied = false;       // it answers with a refusal: retry only at the back-off's pace
 };
@@ -61,7 +61,7 @@ class LiveBackend {
   [[nodiscard]] virtual double fps() const = 0;          // 0: unknown
   // Whether a silent connection may recover by itself. A network connection may, so the source
   // waits longer before it reopens it. A device does not, and is closed at once.
-  [[nodiscard]] virtual bool may_wake_up() const = 0;
+  [[nodiscard]] virtual bool may_recover() const = 0;
   // Seconds until the first frame if that is longer than SourceOptions::stall_s, else 0.
   [[nodiscard]] virtual double startup_s() const = 0;
   // Whether the connection cannot be reopened. A silent one is then kept as long as it exists, and
@@ -75,7 +75,7 @@ struct LiveTiming {
   double backoff_s = 1;       // the first wait before a reopen; doubles ..
   double backoff_max_s = 30;  // .. up to this
   // Limit of the wait for something that answers, but not with frames.
-  double answering_max_s = 2.5;
+  double max_wait_when_answering_s = 2.5;
   double probe_s = 1;         // interval of probes of something that does not answer
   double healthy_s = 10;      // time with frames after which the back-off is reset
   double open_attempt_s = 3;  // limit for one open()

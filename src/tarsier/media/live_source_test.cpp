@@ -41,7 +41,7 @@ LiveTiming quick_timing() {
   LiveTiming timing;
   timing.backoff_s = 0.1;
   timing.backoff_max_s = 30;
-  timing.answering_max_s = 0.4;
+  timing.max_wait_when_answering_s = 0.4;
   timing.probe_s = 0.1;
   return timing;
 }
@@ -127,7 +127,7 @@ class LiveSourceTest : public ::testing::Test {
   fs::path folder_;
 };
 
-TEST_F(LiveSourceTest, GivesTheNewestFrameAndCountsTheOthers) {
+TEST_F(LiveSourceTest, ReturnsNewestFrameAndCountsDropped) {
   HttpServer server;
   server.period_ms = 5;
   const auto source = http_source(server);
@@ -153,7 +153,7 @@ TEST_F(LiveSourceTest, GivesTheNewestFrameAndCountsTheOthers) {
   EXPECT_GT(next_frame(*source).index, later.index);
 }
 
-TEST_F(LiveSourceTest, AgeGrowsWhileTheServerIsFrozenAndItResumesOnTheSameConnection) {
+TEST_F(LiveSourceTest, FrozenServerAgesAndResumesOnSameConnection) {
   HttpServer server;
   const auto source = http_source(server);
   next_frame(*source);
@@ -166,7 +166,7 @@ TEST_F(LiveSourceTest, AgeGrowsWhileTheServerIsFrozenAndItResumesOnTheSameConnec
   next_frame(*source);
 }
 
-TEST_F(LiveSourceTest, AServerForOneClientSurvivesALongFreeze) {
+TEST_F(LiveSourceTest, SingleClientServerRecoversFromLongFreeze) {
   HttpServer server;
   server.one_client = true;
   const auto source = http_source(server);
@@ -259,7 +259,7 @@ TEST_F(LiveSourceTest, WithoutServerNextThrowsAtOnceUnlessWaitingIsRequested) {
   next_frame(*source);
 }
 
-TEST_F(LiveSourceTest, ASilentServerIsGivenUpAfterTheConnectTimeout) {
+TEST_F(LiveSourceTest, SilentServerFailsAfterConnectTimeout) {
   HttpServer server;
   server.mode = HttpServer::Mode::kFreeze;
   SourceOptions options = quick_options();
@@ -371,7 +371,7 @@ TEST_F(LiveSourceTest, AFrozenChildIsRestarted) {
   }
 }
 
-TEST_F(LiveSourceTest, AChildMaySendJpegs) {
+TEST_F(LiveSourceTest, ChildMaySendJpegs) {
   const std::string jpegs = write("jpegs", testing::jpeg_of(4) + testing::jpeg_of(9));
   const auto source =
       child_source(shell("cat '" + jpegs + "'; sleep 1000", ChildCommand::Format::kMjpeg));
@@ -411,7 +411,7 @@ TEST_F(LiveSourceTest, LongOutputOfAChildOnStderrDoesNotBlock) {
   next_frame(*source);
 }
 
-TEST_F(LiveSourceTest, ChildrenGetNoDescriptorsNoBlockedSignalsAndNoInput) {
+TEST_F(LiveSourceTest, ChildrenInheritNoDescriptorsSignalsOrInput) {
   sigset_t all;
   sigset_t before;
   sigfillset(&all);
@@ -489,7 +489,7 @@ TEST(CaptureParserTest, RefusesInvalidRecords) {
                   .is_broken());
 }
 
-TEST_F(LiveSourceTest, TheCaptureProgramReadsANetworkStream) {
+TEST_F(LiveSourceTest, CaptureProgramReadsNetworkStream) {
   HttpServer server;
   SourceOptions options = quick_options();
   options.capture_program = capture_program();

@@ -37,14 +37,14 @@ int MjpegParser::feed(std::span<const std::uint8_t> bytes) {
     work_ += piece.size();
     while (step() == Step::kDone || is_too_large()) {
     }
-    let_go();
+    discard_consumed();
   }
   return completed_;
 }
 
 // Drops the bytes before begin_ if they are at least as many as those behind it. So each byte is
 // moved once on average, however small the pieces.
-void MjpegParser::let_go() {
+void MjpegParser::discard_consumed() {
   const std::size_t left = buffer_.size() - begin_;
   if (begin_ == 0 || begin_ < left) return;
   buffer_.erase(buffer_.begin(), buffer_.begin() + static_cast<std::ptrdiff_t>(begin_));
@@ -55,12 +55,12 @@ void MjpegParser::let_go() {
 
 MjpegParser::Step MjpegParser::step() {
   ++work_;
-  switch (place_) {
-    case Place::kBetween:
+  switch (state_) {
+    case ParserState::kBetween:
       return find_start();
-    case Place::kMarker:
+    case ParserState::kMarker:
       return read_marker();
-    case Place::kEntropy:
+    case ParserState::kEntropy:
       break;
   }
   return read_entropy();
@@ -69,12 +69,12 @@ MjpegParser::Step MjpegParser::step() {
 // An image beyond the limit is dropped up to the limit, whatever follows in the buffer, so that the
 // result does not depend on how the bytes were split.
 bool MjpegParser::is_too_large() {
-  if (place_ == Place::kBetween || buffer_.size() - begin_ <= frame_limit_) return false;
-  give_up_from(begin_ + frame_limit_);
+  if (state_ == ParserState::kBetween || buffer_.size() - begin_ <= frame_limit_) return false;
+  restart_at(begin_ + frame_limit_);
   return true;
 }
 
-std::size_t MjpegParser::in_sight() const {
+std::size_t MjpegParser::examinable_end() const {
   return std::min(buffer_.size(), begin_ + frame_limit_);
 }
 
@@ -85,15 +85,15 @@ void MjpegParser::reset() {
   buffer_.clear();
   begin_ = 0;
   at_ = 0;
-  place_ = Place::kBetween;
+  state_ = ParserState::kBetween;
 }
 
 // There is no image at begin_; search for the next one from `resume`.
-void MjpegParser::give_up_from(std::size_t resume) {
+void MjpegParser::restart_at(std::size_t resume) {
   skipped_ += resume - begin_;
   begin_ = resume;
   at_ = resume;
-  place_ = Place::kBetween;
+  state_ = ParserState::kBetween;
 }
 
 // The first byte FF in [from, end); `end` if there is none.
@@ -125,10 +125,10 @@ MjpegParser::Step MjpegParser::find_start() {
     break;  // a start, or its first bytes, or the end
   }
   const bool found = size - at >= 3;
-  give_up_from(at);
+  restart_at(at);
   if (!found) return Step::kMoreBytes;
   at_ = begin_ + 2;
-  place_ = Place::kMarker;
+  state_ = ParserState::kMarker;
   segments_ = 0;
   has_size_ = false;
   has_scan_ = false;
@@ -138,16 +138,16 @@ MjpegParser::Step MjpegParser::find_start() {
 // Expects a marker at at_: FF, optional FF fill bytes, its code, and for most markers a length and
 // that many bytes. Continues from segment to segment.
 MjpegParser::Step MjpegParser::read_marker() {
-  const std::size_t size = in_sight();
+  const std::size_t size = examinable_end();
   const std::uint8_t* const bytes = buffer_.data();
   // Where to continue if this is not an image.
-  const auto give_up = [&](std::size_t at) {
-    give_up_from(has_scan_ ? at : begin_ + 2);
+  const auto reject = [&](std::size_t at) {
+    restart_at(has_scan_ ? at : begin_ + 2);
     return Step::kDone;
   };
   while (true) {
     ++work_;
-    if (at_ < size && bytes[at_] != 0xff) return give_up(at_);
+    if (at_ < size && bytes[at_] != 0xff) return reject(at_);
     while (at_ + 1 < size && bytes[at_ + 1] == 0xff) {  // fill bytes are examined only once
       ++at_;
       ++work_;
@@ -156,22 +156,22 @@ MjpegParser::Step MjpegParser::read_marker() {
     const std::size_t at = at_ + 1;
     const std::uint8_t marker = bytes[at];
     if (marker == kStartOfImage) {  // a new image: the old one was truncated
-      give_up_from(at_);
+      restart_at(at_);
       return Step::kDone;
     }
     if (marker == kEndOfImage) return end_image(at + 1);
-    if (marker < 0xc0 || (marker >= 0xd0 && marker <= 0xd7)) return give_up(at);
-    if (!has_scan_ && segments_ == kMaxSegments) return give_up(at);
+    if (marker < 0xc0 || (marker >= 0xd0 && marker <= 0xd7)) return reject(at);
+    if (!has_scan_ && segments_ == kMaxSegments) return reject(at);
     if (size - at < 3) return Step::kMoreBytes;
     const std::size_t length = (static_cast<std::size_t>(bytes[at + 1]) << 8U) | bytes[at + 2];
-    if (length < 2 || (marker == kStartOfScan && !has_size_)) return give_up(at);
+    if (length < 2 || (marker == kStartOfScan && !has_size_)) return reject(at);
     if (size - at - 1 < length) return Step::kMoreBytes;
     ++segments_;
     if (is_start_of_frame(marker)) has_size_ = true;
     at_ = at + 1 + length;
     if (marker == kStartOfScan) {
       has_scan_ = true;
-      place_ = Place::kEntropy;
+      state_ = ParserState::kEntropy;
       return Step::kDone;
     }
   }
@@ -179,7 +179,7 @@ MjpegParser::Step MjpegParser::read_marker() {
 
 MjpegParser::Step MjpegParser::end_image(std::size_t end) {
   if (!has_size_ || !has_scan_) {
-    give_up_from(end);
+    restart_at(end);
     return Step::kDone;
   }
   newest_.assign(buffer_.begin() + static_cast<std::ptrdiff_t>(begin_),
@@ -188,13 +188,13 @@ MjpegParser::Step MjpegParser::end_image(std::size_t end) {
   ++completed_;
   begin_ = end;
   at_ = end;
-  place_ = Place::kBetween;
+  state_ = ParserState::kBetween;
   return Step::kDone;
 }
 
 // Coded data ends at an FF that is followed by neither 00 (a data byte FF) nor a restart marker.
 MjpegParser::Step MjpegParser::read_entropy() {
-  const std::size_t size = in_sight();
+  const std::size_t size = examinable_end();
   while (at_ < size) {
     at_ = find_ff(at_, size);
     if (at_ + 1 >= size) return Step::kMoreBytes;
@@ -203,7 +203,7 @@ MjpegParser::Step MjpegParser::read_entropy() {
       at_ += 2;
       continue;
     }
-    place_ = Place::kMarker;
+    state_ = ParserState::kMarker;
     return Step::kDone;
   }
   return Step::kMoreBytes;

@@ -41,18 +41,18 @@ class MjpegParser {
   void reset();
 
  private:
-  enum class Place { kBetween, kMarker, kEntropy };
+  enum class ParserState { kBetween, kMarker, kEntropy };
   enum class Step { kDone, kMoreBytes };
 
   Step step();
   bool is_too_large();
-  [[nodiscard]] std::size_t in_sight() const;  // bytes of the image that may be examined
+  [[nodiscard]] std::size_t examinable_end() const;  // bytes of the image that may be examined
   Step find_start();
   Step read_marker();
   Step end_image(std::size_t end);
   Step read_entropy();
-  void give_up_from(std::size_t resume);
-  void let_go();
+  void restart_at(std::size_t resume);
+  void discard_consumed();
   std::size_t find_ff(std::size_t from, std::size_t end);
 
   std::size_t frame_limit_;
@@ -60,7 +60,7 @@ class MjpegParser {
   std::vector<std::uint8_t> newest_;
   std::size_t begin_ = 0;  // in buffer_: start of the image, or of a possible image
   std::size_t at_ = 0;     // in buffer_: next byte to examine, >= begin_
-  Place place_ = Place::kBetween;
+  ParserState state_ = ParserState::kBetween;
   int segments_ = 0;       // before the first scan
   bool has_size_ = false;  // a start-of-frame segment was seen
   bool has_scan_ = false;

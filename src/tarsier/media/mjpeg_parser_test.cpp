@@ -75,7 +75,7 @@ TEST(MjpegParser, KeepsOnlyTheNewestImage) {
   EXPECT_FALSE(parser.has_frame());
 }
 
-TEST(MjpegParser, AThumbnailInsideASegmentIsNotAnImage) {
+TEST(MjpegParser, IgnoresEmbeddedThumbnails) {
   const std::string jpeg = testing::jpeg_of(5);
   const std::string thumbnail = testing::jpeg_of(6, {16, 16});
   const std::size_t length = thumbnail.size() + 2;
@@ -141,7 +141,7 @@ TEST(MjpegParser, MemoryIsBounded) {
 }
 
 // The data behind an oversized image is parsed, however much of it arrives in one piece.
-TEST(MjpegParser, ImagesBeyondTheLimitAreTheSameInPiecesOfAnySize) {
+TEST(MjpegParser, OversizedImagesAreIndependentOfSplits) {
   constexpr std::size_t kLimit = 2048;
   const std::string good = testing::jpeg_of(2);
   ASSERT_LT(good.size(), kLimit);
@@ -161,7 +161,7 @@ TEST(MjpegParser, ImagesBeyondTheLimitAreTheSameInPiecesOfAnySize) {
 
 // The worst streams that a server can send, each in pieces of several sizes. The test counts work
 // instead of time.
-TEST(MjpegParser, HostileStreamsCostABoundedNumberOfStepsAByte) {
+TEST(MjpegParser, CostPerByteIsBoundedForAnyStream) {
   using std::string_literals::operator""s;
   constexpr std::size_t kSize = 1'000'000;
   const auto repeated = [](const std::string& unit) {

@@ -79,10 +79,10 @@ bool ModelStore::is_own(std::string_view name) const {
 bool ModelStore::has(std::string_view name) const {
   std::error_code error;
   if (is_own(name)) return true;
-  return !folder_.empty() && fs::exists(place_of(name), error);
+  return !folder_.empty() && fs::exists(expected_path(name), error);
 }
 
-std::string ModelStore::place_of(std::string_view name) const {
+std::string ModelStore::expected_path(std::string_view name) const {
   if (is_own(name)) return (fs::path(own_folder_) / name).string();
   if (folder_.empty()) return std::string(name);
   const fs::path shipped = fs::path(folder_) / name;
@@ -97,11 +97,11 @@ std::string ModelStore::path(std::string_view name) const {
     throw ModelError(std::string(name), "no folder of models was found: set TARSIER_MODELS to it");
   }
   if (!has(name)) {
-    throw ModelError(place_of(name),
+    throw ModelError(expected_path(name),
                      "is missing from the folder of models: put it there, set TARSIER_MODELS to a "
                      "folder that has it, or name a file of your own");
   }
-  return place_of(name);
+  return expected_path(name);
 }
 
 std::string ModelStore::path_or(const std::string& given, std::string_view name) const {

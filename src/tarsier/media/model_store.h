@@ -48,7 +48,7 @@ class ModelStore {
   // Whether a file or folder `name` exists, e.g. "head.json".
   [[nodiscard]] bool has(std::string_view name) const;
   // The expected path of `name`; only `name` if there is no folder. For messages.
-  [[nodiscard]] std::string place_of(std::string_view name) const;
+  [[nodiscard]] std::string expected_path(std::string_view name) const;
   // Path of `name`. Throws ModelError if it is missing; the message says what to do.
   [[nodiscard]] std::string path(std::string_view name) const;
   // Returns `given`, the path of a user's model, or path(name) if `given` is empty.

@@ -60,7 +60,7 @@ TEST_F(Models, AreFoundByName) {
   EXPECT_EQ(store.path("head.json"), (fs::path(folder()) / "head.json").string());
   EXPECT_EQ(store.path_or("", "head.json"), store.path("head.json"));
   EXPECT_EQ(store.path_or("mine.json", "head.json"), "mine.json");
-  EXPECT_EQ(store.place_of("other.json"), (fs::path(folder()) / "other.json").string());
+  EXPECT_EQ(store.expected_path("other.json"), (fs::path(folder()) / "other.json").string());
 }
 
 // Models that a user installed are used with the program's own folder, and only there.
@@ -77,7 +77,7 @@ TEST_F(Models, ModelsOfTheUserAreFoundInTheDataFolder) {
   if (!store.folder().empty()) {
     EXPECT_TRUE(store.has("installed.json"));
     EXPECT_EQ(store.path("installed.json"), user_models_folder() + "/installed.json");
-    EXPECT_EQ(store.place_of("landmarks68.json"), store.folder() + "/landmarks68.json");
+    EXPECT_EQ(store.expected_path("landmarks68.json"), store.folder() + "/landmarks68.json");
     EXPECT_FALSE(store.has("neither.json"));
   }
   ::setenv("XDG_DATA_HOME", "not absolute", 1);
@@ -100,7 +100,7 @@ TEST_F(Models, WithoutAFolderNoModelIsFound) {
   const ModelStore store;
   EXPECT_EQ(store.folder(), "");
   EXPECT_FALSE(store.has("head.json"));
-  EXPECT_EQ(store.place_of("head.json"), "head.json");
+  EXPECT_EQ(store.expected_path("head.json"), "head.json");
   EXPECT_THAT(failure_of<ModelError>([&] { static_cast<void>(store.path("head.json")); }),
               HasSubstr("head.json: no folder of models was found: set TARSIER_MODELS"));
 }
@@ -120,16 +120,16 @@ TEST_F(Models, TheNamedFolderPrecedesTheEnvironmentAndTheShippedOne) {
 
 TEST_F(Models, ModelsOfTheUserReplaceThoseThatShip) {
   const TemporaryFolder own;
-  const std::string mine = (fs::path(own.path()) / "head.json").string();
+  const std::string own_model = (fs::path(own.path()) / "head.json").string();
   ::setenv("TARSIER_MODELS", folder().c_str(), 1);
   ::setenv("TARSIER_OWN_MODELS", own.path().c_str(), 1);
   const ModelStore store = ModelStore::find();
   EXPECT_FALSE(store.is_own("head.json"));
   EXPECT_EQ(store.path("head.json"), (fs::path(folder()) / "head.json").string());
-  std::ofstream(mine) << "{}";
+  std::ofstream(own_model) << "{}";
   EXPECT_TRUE(store.is_own("head.json"));
-  EXPECT_EQ(store.path("head.json"), mine);
-  EXPECT_EQ(store.place_of("head.json"), mine);
+  EXPECT_EQ(store.path("head.json"), own_model);
+  EXPECT_EQ(store.expected_path("head.json"), own_model);
   EXPECT_EQ(store.shipped().path("head.json"), (fs::path(folder()) / "head.json").string());
   EXPECT_FALSE(store.shipped().is_own("head.json"));
   // If a folder is given, only that folder is used. A folder that does not exist has no models.

@@ -46,7 +46,7 @@ TEST_F(PartFileTest, StaysWithoutCommitUnlessItIsEmpty) {
   EXPECT_EQ(files(), 1U);
 }
 
-TEST_F(PartFileTest, LeavesEarlierOnesAloneAndNamesThem) {
+TEST_F(PartFileTest, KeepsEarlierPartFilesWithWarning) {
   std::ofstream(path("a.part.mp4")) << "hours";
   std::optional<PartFile> second;
   testing::internal::CaptureStderr();
@@ -63,7 +63,7 @@ TEST_F(PartFileTest, LeavesEarlierOnesAloneAndNamesThem) {
   EXPECT_EQ(contents(path("a.part.mp4")), "hours");
 }
 
-TEST_F(PartFileTest, TargetsThatCannotBeWrittenAreErrors) {
+TEST_F(PartFileTest, UnwritableTargetIsAnError) {
   EXPECT_THROW(PartFile(path("none/a.mp4")), OutputError);
   EXPECT_THROW(PartFile{folder_}, OutputError);
   EXPECT_THROW(PartFile(""), OutputError);

@@ -40,7 +40,7 @@ TEST(Sha256, DoesNotDependOnTheChunks) {
   }
 }
 
-TEST(Sha256, ReadsFilesAndNamesTheOneItCannotRead) {
+TEST(Sha256, ReadsFilesAndNamesUnreadableOne) {
   const std::string path = testing::TempDir() + "tarsier_sha256_test.bin";
   std::ofstream(path, std::ios::binary) << "abc";
   EXPECT_EQ(sha256_of_file(path), sum_of("abc"));

@@ -37,10 +37,10 @@ int make_private_file(const std::string& path) {
 
 // A database that others may read (made by an older version, or copied by hand) is made private
 // before anything is written to it. If it is only read, it stays as it is.
-void look_at_permissions(const std::string& path, bool writes) {
-  constexpr mode_t kOthers = 077;
+void check_permissions(const std::string& path, bool writes) {
+  constexpr mode_t kGroupAndOthers = 077;
   struct stat found {};
-  if (::stat(path.c_str(), &found) != 0 || (found.st_mode & kOthers) == 0) return;
+  if (::stat(path.c_str(), &found) != 0 || (found.st_mode & kGroupAndOthers) == 0) return;
   const auto mode = static_cast<unsigned>(found.st_mode & 0777U);
   if (!writes) {
     log_warning("{}: other users may open it (mode {:04o}): chmod 600 keeps it to you", path, mode);
@@ -52,10 +52,10 @@ void look_at_permissions(const std::string& path, bool writes) {
     return;
   }
   // SQLite creates these files later with the mode of the database.
-  for (const char* ending : {"-wal", "-shm", "-journal"}) {
-    const std::string beside = path + ending;
-    if (::chmod(beside.c_str(), 0600) != 0 && errno != ENOENT) {
-      log_warning("{}: other users may open it: {}", beside, system_text(errno));
+  for (const char* extension : {"-wal", "-shm", "-journal"}) {
+    const std::string companion = path + extension;
+    if (::chmod(companion.c_str(), 0600) != 0 && errno != ENOENT) {
+      log_warning("{}: other users may open it: {}", companion, system_text(errno));
     }
   }
   log_warning("{}: other users could open it (mode {:04o}); now only you can (0600)", path, mode);
@@ -102,7 +102,7 @@ Database::Database(std::string path, const DatabaseKind& kind, DatabaseAccess ac
       return;
     }
     identify(kind);
-    look_at_permissions(path_, writes_);  // only for our own databases
+    check_permissions(path_, writes_);  // only for our own databases
     if (writes_) upgrade(kind);
   } catch (...) {
     sqlite3_close_v2(handle_);
@@ -242,7 +242,7 @@ void Database::vacuum() {
 
 std::int64_t Database::version() { return number("PRAGMA user_version"); }
 
-void Database::set_patience(int milliseconds) {
+void Database::set_lock_timeout(int milliseconds) {
   TARSIER_REQUIRE(milliseconds >= 0, "patience {} ms", milliseconds);
   check(sqlite3_busy_timeout(handle_, milliseconds));
 }

@@ -61,8 +61,8 @@ class Database {
   // Rewrites the whole file without deleted data. The temporary copy is in memory for files up to
   // 64 MB, else in an unlinked temporary file.
   void vacuum();
-  [[nodiscard]] std::int64_t version();  // of the file; for writers always the newest
-  void set_patience(int milliseconds);   // how long to wait for a lock
+  [[nodiscard]] std::int64_t version();     // of the file; for writers always the newest
+  void set_lock_timeout(int milliseconds);  // how long to wait for a lock
   [[nodiscard]] std::int64_t last_row_id() const;
   [[nodiscard]] std::int64_t changed_rows() const;  // by the last statement
   [[nodiscard]] const std::string& path() const { return path_; }

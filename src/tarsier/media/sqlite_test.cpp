@@ -158,7 +158,7 @@ TEST_F(SqliteTest, ALockedDatabaseIsAnErrorAndLosesNothing) {
   EXPECT_THAT(notes(first), ElementsAre("one", "two"));
 }
 
-TEST_F(SqliteTest, AnExclusiveLockKeepsReadersOut) {
+TEST_F(SqliteTest, ExclusiveLockBlocksReaders) {
   { const Database database = create(); }
   Database holder(path("notes.db"), kKind, DatabaseAccess::kWrite, 20);
   holder.run("PRAGMA locking_mode = EXCLUSIVE; BEGIN EXCLUSIVE");
@@ -237,7 +237,7 @@ TEST_F(SqliteTest, OlderVersionsAreUpgradedAndNewerOnesRefused) {
   EXPECT_THAT(refusal(DatabaseAccess::kCreate), HasSubstr("version 2"));
 }
 
-TEST_F(SqliteTest, AFailedUpgradeChangesNothing) {
+TEST_F(SqliteTest, FailedUpgradeIsRolledBack) {
   {
     Database database = create();
     add(database, "old");
@@ -283,7 +283,7 @@ TEST_F(SqliteTest, ALargeFileIsNotCopiedInMemory) {
   EXPECT_EQ(copies_to(), kMemory) << "small again";
 }
 
-TEST_F(SqliteTest, ADamagedFileIsAnError) {
+TEST_F(SqliteTest, DamagedFileIsAnError) {
   {
     Database database = create();
     for (int k = 0; k < 200; ++k) add(database, std::string(500, 'x'));

@@ -106,19 +106,19 @@ void sort_naturally(std::vector<std::string>& paths) {
 
 }  // namespace
 
-bool has_image_ending(std::string_view path) {
-  static constexpr std::array<std::string_view, 10> kEndings = {
+bool has_image_extension(std::string_view path) {
+  static constexpr std::array<std::string_view, 10> kExtensions = {
       ".jpg", ".jpeg", ".jpe", ".png", ".webp", ".bmp", ".ppm", ".pgm", ".pbm", ".pnm"};
-  return std::any_of(kEndings.begin(), kEndings.end(), [&](std::string_view ending) {
-    return path.size() > ending.size() &&
-           std::equal(ending.begin(), ending.end(),
-                      path.end() - static_cast<std::ptrdiff_t>(ending.size()),
+  return std::any_of(kExtensions.begin(), kExtensions.end(), [&](std::string_view extension) {
+    return path.size() > extension.size() &&
+           std::equal(extension.begin(), extension.end(),
+                      path.end() - static_cast<std::ptrdiff_t>(extension.size()),
                       [](char a, char b) { return a == lower(b); });
   });
 }
 
 std::string source_of(const Frame& frame) {
-  if (frame.still || !has_image_ending(frame.name)) return frame.name;
+  if (frame.still || !has_image_extension(frame.name)) return frame.name;
   const fs::path folder = fs::path(frame.name).parent_path();
   return folder.empty() ? "." : folder.string();
 }
@@ -157,7 +157,7 @@ std::vector<std::string> images_in_folder(const std::string& folder) {
     if (error) throw InputError(folder, fmt::format("cannot be read: {}", error.message()));
     const std::string name = entries->path().filename().string();
     std::error_code ignored;
-    if (name.starts_with(".") || !has_image_ending(name)) continue;
+    if (name.starts_with(".") || !has_image_extension(name)) continue;
     if (!entries->is_regular_file(ignored)) continue;
     paths.push_back((folder.ends_with("/") ? folder : folder + "/") + name);
   }
@@ -199,10 +199,10 @@ std::vector<std::string> paths_of_list(const std::string& list) {
     if (line.empty() || line.front() == '#') continue;
     const fs::path path(line);
     std::error_code ignored;
-    const fs::path beside = folder / path;
-    const bool is_beside =
-        path.is_relative() && !fs::exists(path, ignored) && fs::exists(beside, ignored);
-    paths.push_back(is_beside ? beside.string() : path.string());
+    const fs::path in_list_folder = folder / path;
+    const bool is_in_list_folder =
+        path.is_relative() && !fs::exists(path, ignored) && fs::exists(in_list_folder, ignored);
+    paths.push_back(is_in_list_folder ? in_list_folder.string() : path.string());
   }
   if (paths.empty()) throw InputError(list, "lists no images");
   return paths;

@@ -14,7 +14,7 @@ namespace tarsier {
 
 // Whether `path` has the extension of a readable image (.jpg .jpeg .jpe .png .webp .bmp .ppm .pgm
 // .pbm .pnm, in upper or lower case).
-[[nodiscard]] bool has_image_ending(std::string_view path);
+[[nodiscard]] bool has_image_extension(std::string_view path);
 
 // What a frame belongs to: its name; for an image of a sequence its folder.
 [[nodiscard]] std::string source_of(const Frame& frame);

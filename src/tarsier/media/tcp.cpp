@@ -129,10 +129,10 @@ TcpSocket connect_tcp(const std::string& host, std::uint16_t port, milliseconds 
   const Resolved resolved = resolve(host, port, deadline, stop);
   if (resolved.addresses.empty()) {
     failure.unreachable = true;
-    // Only a clear "no such name" is definite: a name server that does not answer may recover.
-    failure.definite = resolved.code == EAI_NONAME;
-    failure.reason = failure.definite ? fmt::format("unknown host '{}'", host)
-                                      : fmt::format("the name '{}' could not be looked up", host);
+    // Only a clear "no such name" is permanent: a name server that does not answer may recover.
+    failure.permanent = resolved.code == EAI_NONAME;
+    failure.reason = failure.permanent ? fmt::format("unknown host '{}'", host)
+                                       : fmt::format("the name '{}' could not be looked up", host);
     return {};
   }
   int number = ETIMEDOUT;
@@ -170,7 +170,7 @@ TcpSocket connect_tcp(const std::string& host, std::uint16_t port, milliseconds 
     number = result;
   }
   failure.unreachable = true;
-  failure.definite = number == ECONNREFUSED;
+  failure.permanent = number == ECONNREFUSED;
   failure.reason =
       number == ECONNREFUSED
           ? fmt::format("nothing listens on port {} of {} (connection refused)", port, host)

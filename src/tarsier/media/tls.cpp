@@ -108,12 +108,12 @@ TlsStream::Step TlsStream::handshake() {
     if (result == GNUTLS_E_AGAIN) return Step::kAgain;
     if (gnutls_error_is_fatal(result) == 0) continue;
     if (result == GNUTLS_E_CERTIFICATE_VERIFICATION_ERROR) {
-      definite_ = true;
+      permanent_ = true;
       error_message_ = distrust(gnutls_session_get_verify_cert_status(impl_->session), host_);
     } else if (result == GNUTLS_E_PREMATURE_TERMINATION || result == GNUTLS_E_PULL_ERROR) {
       error_message_ = "it closed the connection during the TLS handshake";
     } else {
-      definite_ = true;
+      permanent_ = true;
       error_message_ = fmt::format("TLS failed: {}", gnutls_strerror(result));
     }
     return Step::kFailed;

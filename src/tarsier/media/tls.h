@@ -48,7 +48,7 @@ class TlsStream {
   // The reason of kFailed, for the user, and what to do.
   [[nodiscard]] const std::string& error_message() const { return error_message_; }
   // Whether a retry cannot help: an invalid certificate, or no TLS at all.
-  [[nodiscard]] bool is_definite() const { return definite_; }
+  [[nodiscard]] bool is_permanent() const { return permanent_; }
 
   // As ::recv() and ::send() of a non-blocking socket: the number of bytes, 0 at the end (recv), or
   // -1 with errno EAGAIN or EPROTO. After send() failed with EAGAIN the same bytes must be passed
@@ -66,7 +66,7 @@ class TlsStream {
   std::string host_;
   std::unique_ptr<Impl> impl_;
   bool ready_ = false;
-  bool definite_ = false;
+  bool permanent_ = false;
   std::string error_message_;
 };
 

@@ -106,7 +106,7 @@ class TlsTest : public FolderTest {
   SourceOptions options_ = options_of({.ca_file = path("ca.pem")});
 };
 
-TEST_F(TlsTest, AServerWithACertificateOfTheCaFileIsRead) {
+TEST_F(TlsTest, AcceptsServerWithCertificateOfCaFile) {
   const TlsServer server(good_, [](const std::string&) { return video(); });
   const Outcome outcome = read_http(server.url("/cam", "me:secret@"));
   EXPECT_EQ(outcome.image.size(), cv::Size(64, 48)) << outcome.failure.reason;
@@ -122,21 +122,21 @@ TEST_F(TlsTest, AServerWithACertificateOfTheCaFileIsRead) {
 }
 
 // Neither the request nor the password is sent to a server with a wrong certificate.
-TEST_F(TlsTest, OtherServersAreRefusedBeforeAnythingIsSent) {
+TEST_F(TlsTest, RejectsUntrustedServersBeforeSending) {
   const Certificate wrong_name("camera.example", &authority_);
   const Certificate expired("127.0.0.1", &authority_, std::time(nullptr) - 3600);
-  const Certificate stranger("127.0.0.1");
+  const Certificate untrusted("127.0.0.1");
   struct Case {
     const Certificate& certificate;
     const char* expected;
   };
   for (const Case& one :
        {Case{wrong_name, "its certificate is not for '127.0.0.1'"}, Case{expired, "has expired"},
-        Case{stranger, "its certificate is not trusted (signed by an unknown authority)"}}) {
+        Case{untrusted, "its certificate is not trusted (signed by an unknown authority)"}}) {
     const TlsServer server(one.certificate, [](const std::string&) { return video(); });
     const Outcome outcome = read_http(server.url("/", "me:secret@"));
     EXPECT_TRUE(outcome.image.empty());
-    EXPECT_TRUE(outcome.failure.definite);
+    EXPECT_TRUE(outcome.failure.permanent);
     EXPECT_THAT(outcome.failure.reason,
                 AllOf(HasSubstr(one.expected), HasSubstr("option 'insecure'")));
     EXPECT_THAT(server.requests(), IsEmpty());
@@ -164,9 +164,9 @@ TEST_F(TlsTest, ACaFileWithoutCertificatesIsAnError) {
 
 TEST_F(TlsTest, RedirectsStayEncryptedAndDoNotForwardThePassword) {
   HttpServer plain;
-  const TlsServer away(good_, [&](const std::string&) { return redirect_to(plain.url()); });
-  const Outcome outcome = read_http(away.url("/", "me:secret@"));
-  EXPECT_TRUE(outcome.failure.definite);
+  const TlsServer redirecting(good_, [&](const std::string&) { return redirect_to(plain.url()); });
+  const Outcome outcome = read_http(redirecting.url("/", "me:secret@"));
+  EXPECT_TRUE(outcome.failure.permanent);
   EXPECT_THAT(outcome.failure.reason, HasSubstr("only https is followed"));
   EXPECT_EQ(plain.connections(), 0);
 
@@ -205,13 +205,13 @@ TEST_F(TlsTest, PlaylistsAreRefusedUnlessInsecure) {
         "HTTP/1.1 200 OK\r\nContent-Type: application/vnd.apple.mpegurl\r\n\r\n#EXTM3U\n");
   });
   const Outcome outcome = read_http(server.url());
-  EXPECT_TRUE(outcome.failure.definite);
+  EXPECT_TRUE(outcome.failure.permanent);
   EXPECT_THAT(outcome.failure.reason, AllOf(HasSubstr("playlist"), HasSubstr("option 'insecure'")));
 }
 
-TEST_F(TlsTest, OtherVideosGoThroughFfmpegVerified) {
+TEST_F(TlsTest, FfmpegReadsOtherVideosWithVerification) {
   {
-    VideoEncoder encoder(path("v.avi"), "v.avi", {64, 48}, {.ending = ".avi"});
+    VideoEncoder encoder(path("v.avi"), "v.avi", {64, 48}, {.extension = ".avi"});
     for (int i = 0; i < 50; ++i) encoder.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar::all(120)));
     encoder.finish();
   }
@@ -230,7 +230,7 @@ TEST_F(TlsTest, OtherVideosGoThroughFfmpegVerified) {
 }
 
 // The same with the capture program, where FFmpeg's own options do not apply.
-TEST_F(TlsTest, TheCaptureProgramTrustsAndFollowsNobodyElse) {
+TEST_F(TlsTest, CaptureProgramRejectsUntrustedServersAndRedirects) {
   const TlsServer server(good_, [](const std::string&) { return video(); });
   EXPECT_FALSE(read_child(server.url(), options_).image.empty());
   Outcome outcome = read_child(server.url("/", "me:secret@"), SourceOptions{});
@@ -240,14 +240,14 @@ TEST_F(TlsTest, TheCaptureProgramTrustsAndFollowsNobodyElse) {
       read_child(server.url(), options_of({.ca_file = "", .insecure = true})).image.empty());
 
   HttpServer plain;
-  const TlsServer away(good_, [&](const std::string&) { return redirect_to(plain.url()); });
-  outcome = read_child(away.url(), options_);
+  const TlsServer redirecting(good_, [&](const std::string&) { return redirect_to(plain.url()); });
+  outcome = read_child(redirecting.url(), options_);
   EXPECT_THAT(outcome.failure.reason, HasSubstr("redirects"));
   EXPECT_EQ(plain.connections(), 0);
 
   // rtsps: FFmpeg 5.1 accepts any certificate.
-  const Certificate stranger("127.0.0.1");
-  const TlsServer camera(stranger, [](const std::string&) { return std::string(); });
+  const Certificate untrusted("127.0.0.1");
+  const TlsServer camera(untrusted, [](const std::string&) { return std::string(); });
   outcome = read_child(camera.url("/", "me:secret@", "rtsps"), options_);
   EXPECT_THAT(outcome.failure.reason, HasSubstr("its certificate is not trusted"));
   EXPECT_THAT(camera.requests(), IsEmpty());

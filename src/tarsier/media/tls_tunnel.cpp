@@ -56,13 +56,13 @@ class RedirectGuard {
 // One connection: plain data is forwarded over TLS, and TLS data in plain.
 struct Link {
   TcpSocket plain;
-  TcpSocket far;
+  TcpSocket remote;
   std::optional<TlsStream> tls;
   Bytes up;    // to the server
   Bytes down;  // from it
   RedirectGuard guard;
   bool plain_ended = false;
-  bool far_ended = false;
+  bool remote_ended = false;
   bool over = false;
 };
 
@@ -90,12 +90,12 @@ std::string pump(Link& link) {
     if (count < 0) return "the connection broke";
     link.up.erase(link.up.begin(), link.up.begin() + count);
   }
-  while (!link.far_ended && link.down.size() < kBuffer) {
+  while (!link.remote_ended && link.down.size() < kBuffer) {
     const ssize_t count = link.tls->recv(buffer);
     if (count < 0 && errno == EAGAIN) break;
     if (count < 0) return "the connection broke";
     if (count == 0) {
-      link.far_ended = true;
+      link.remote_ended = true;
       break;
     }
     const auto bytes = std::span(buffer).first(static_cast<std::size_t>(count));
@@ -113,7 +113,7 @@ std::string pump(Link& link) {
     }
     link.down.erase(link.down.begin(), link.down.begin() + count);
   }
-  link.over = (link.plain_ended && link.up.empty()) || (link.far_ended && link.down.empty());
+  link.over = (link.plain_ended && link.up.empty()) || (link.remote_ended && link.down.empty());
   return {};
 }
 
@@ -121,18 +121,18 @@ std::string pump(Link& link) {
 
 struct TlsTunnel::Impl {
   Impl(const std::string& the_host, std::uint16_t the_port, const StreamSecurity& security)
-      : host(the_host), far_port(the_port), trust(std::make_shared<const TlsTrust>(security)) {}
+      : host(the_host), remote_port(the_port), trust(std::make_shared<const TlsTrust>(security)) {}
 
   void listen();
   void run(const std::stop_token& stop);
-  void take_one(std::list<Link>& links, const std::stop_token& stop);
+  void accept_one(std::list<Link>& links, const std::stop_token& stop);
   void note(std::string text) {
     const std::lock_guard lock(mutex);
     error_message = std::move(text);
   }
 
   const std::string host;
-  const std::uint16_t far_port;
+  const std::uint16_t remote_port;
   const std::shared_ptr<const TlsTrust> trust;
   TcpSocket listener;
   std::uint16_t port = 0;
@@ -156,19 +156,19 @@ void TlsTunnel::Impl::listen() {
   port = ntohs(address.sin_port);
 }
 
-void TlsTunnel::Impl::take_one(std::list<Link>& links, const std::stop_token& stop) {
+void TlsTunnel::Impl::accept_one(std::list<Link>& links, const std::stop_token& stop) {
   TcpSocket plain(::accept4(listener.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
   if (!plain.is_open()) return;
   LiveFailure failure;
-  TcpSocket far = connect_tcp(host, far_port, kConnectTimeout, stop, failure);
-  if (!far.is_open()) {
+  TcpSocket remote = connect_tcp(host, remote_port, kConnectTimeout, stop, failure);
+  if (!remote.is_open()) {
     note(failure.reason);
     return;
   }
   Link& link = links.emplace_back();
   link.plain = std::move(plain);
-  link.far = std::move(far);
-  link.tls.emplace(trust, link.far.get(), host);
+  link.remote = std::move(remote);
+  link.tls.emplace(trust, link.remote.get(), host);
 }
 
 void TlsTunnel::Impl::run(const std::stop_token& stop) {
@@ -180,20 +180,20 @@ void TlsTunnel::Impl::run(const std::stop_token& stop) {
     bool pending = false;
     for (const Link& link : links) {
       short plain = 0;
-      short far = link.tls->poll_events();
+      short remote = link.tls->poll_events();
       if (link.tls->is_ready()) {
         if (!link.plain_ended && link.up.size() < kBuffer) plain |= POLLIN;
         if (!link.down.empty()) plain |= POLLOUT;
-        far = 0;
-        if (!link.far_ended && link.down.size() < kBuffer) far |= POLLIN;
-        if (!link.up.empty()) far |= POLLOUT;
+        remote = 0;
+        if (!link.remote_ended && link.down.size() < kBuffer) remote |= POLLIN;
+        if (!link.up.empty()) remote |= POLLOUT;
         pending = pending || (link.tls->has_pending() && link.down.size() < kBuffer);
       }
       if (plain != 0) items.push_back({link.plain.get(), plain, 0});
-      items.push_back({link.far.get(), far, 0});
+      items.push_back({link.remote.get(), remote, 0});
     }
     (void)::poll(items.data(), items.size(), pending ? 0 : kPoll_ms);
-    if (links.size() < kMaxConnections && items[0].revents != 0) take_one(links, stop);
+    if (links.size() < kMaxConnections && items[0].revents != 0) accept_one(links, stop);
     for (auto link = links.begin(); link != links.end();) {
       const std::string reason = pump(*link);
       if (!reason.empty()) note(reason);

@@ -120,7 +120,7 @@ T* not_null(T* pointer) {
 
 struct VideoEncoder::Impl {
   // Loads FFmpeg first, so that the destructor finds it loaded.
-  explicit Impl(std::string the_shown) : shown(std::move(the_shown)) {
+  explicit Impl(std::string path_for_messages) : display_path(std::move(path_for_messages)) {
     static_cast<void>(ffmpeg());
   }
   ~Impl() {
@@ -139,12 +139,12 @@ struct VideoEncoder::Impl {
   void open(const std::string& path, cv::Size size, const VideoEncoderOptions& options);
   void encode(const AVFrame* image);
   void check(int code, std::string_view doing) const {
-    if (code < 0) throw OutputError(shown, fmt::format("{}: {}", doing, error_text(code)));
+    if (code < 0) throw OutputError(display_path, fmt::format("{}: {}", doing, error_text(code)));
   }
   // Some write errors are only known to the file.
   void check_file() const { check(muxer->pb->error, "cannot write"); }
 
-  std::string shown;
+  std::string display_path;
   AVFormatContext* muxer = nullptr;
   AVStream* stream = nullptr;
   AVCodecContext* codec = nullptr;
@@ -156,13 +156,14 @@ struct VideoEncoder::Impl {
 
 void VideoEncoder::Impl::open(const std::string& path, cv::Size size,
                               const VideoEncoderOptions& options) {
-  const bool is_avi = options.ending == ".avi";
-  const char* format = is_avi ? "avi" : options.ending == ".mp4" ? "mp4" : "matroska";
+  const bool is_avi = options.extension == ".avi";
+  const char* format = is_avi ? "avi" : options.extension == ".mp4" ? "mp4" : "matroska";
   check(ffmpeg().avformat_alloc_output_context2(&muxer, nullptr, format, nullptr),
         "cannot make a video");
   const AVCodec* encoder =
       ffmpeg().avcodec_find_encoder(is_avi ? AV_CODEC_ID_MJPEG : AV_CODEC_ID_MPEG4);
-  if (encoder == nullptr) throw OutputError(shown, "this system's FFmpeg has no encoder for it");
+  if (encoder == nullptr)
+    throw OutputError(display_path, "this system's FFmpeg has no encoder for it");
   muxer->flags |= AVFMT_FLAG_BITEXACT;  // no random numbers, no versions
   stream = not_null(ffmpeg().avformat_new_stream(muxer, nullptr));
   codec = not_null(ffmpeg().avcodec_alloc_context3(encoder));
@@ -173,7 +174,7 @@ void VideoEncoder::Impl::open(const std::string& path, cv::Size size,
   codec->color_range = is_avi ? AVCOL_RANGE_JPEG : AVCOL_RANGE_UNSPECIFIED;
   codec->time_base = av_inv_q(rate);
   codec->framerate = rate;
-  codec->gop_size = options.cut_safe
+  codec->gop_size = options.crash_safe
                         ? std::clamp(static_cast<int>(std::lround(options.fps)), 1, 600)
                         : kKeyFrameEvery;
   codec->max_b_frames = 0;
@@ -206,9 +207,9 @@ void VideoEncoder::Impl::open(const std::string& path, cv::Size size,
   const std::string url = "file:" + std::filesystem::absolute(path).string();
   check(ffmpeg().avio_open(&muxer->pb, url.c_str(), AVIO_FLAG_WRITE), "cannot write");
   AVDictionary* settings = nullptr;
-  if (options.cut_safe) {
+  if (options.crash_safe) {
     muxer->flags |= AVFMT_FLAG_FLUSH_PACKETS;
-    if (options.ending == ".mp4") {
+    if (options.extension == ".mp4") {
       ffmpeg().av_dict_set(&settings, "movflags", "frag_keyframe+empty_moov+default_base_moof", 0);
     } else if (!is_avi) {
       ffmpeg().av_dict_set(&settings, "cluster_time_limit", "1000", 0);  // ms
@@ -238,12 +239,13 @@ void VideoEncoder::Impl::encode(const AVFrame* image) {
 
 void VideoEncoderOptions::check() const {
   check_fields(*this);
-  TARSIER_REQUIRE(ending == ".mp4" || ending == ".avi" || ending == ".mkv", "ending '{}'", ending);
+  TARSIER_REQUIRE(extension == ".mp4" || extension == ".avi" || extension == ".mkv", "ending '{}'",
+                  extension);
 }
 
-VideoEncoder::VideoEncoder(const std::string& path, const std::string& shown, cv::Size size,
+VideoEncoder::VideoEncoder(const std::string& path, const std::string& display_path, cv::Size size,
                            const VideoEncoderOptions& options)
-    : impl_(std::make_unique<Impl>(shown)) {
+    : impl_(std::make_unique<Impl>(display_path)) {
   TARSIER_REQUIRE(size.width > 0 && size.height > 0 && size.width % 2 == 0 && size.height % 2 == 0,
                   "{}x{} px", size.width, size.height);
   options.check();

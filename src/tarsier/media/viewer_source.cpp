@@ -45,7 +45,7 @@ class ViewerBackend final : public LiveBackend {
   bool reachable(milliseconds, const std::stop_token&) override { return false; }
   [[nodiscard]] std::string detail() const override { return "a viewer's camera"; }
   [[nodiscard]] double fps() const override { return 0; }
-  [[nodiscard]] bool may_wake_up() const override { return true; }
+  [[nodiscard]] bool may_recover() const override { return true; }
   [[nodiscard]] double startup_s() const override { return kCameraStartup_s; }
   [[nodiscard]] bool opens_once() const override { return true; }
 
@@ -113,7 +113,7 @@ LiveRead ViewerBackend::read(milliseconds timeout, const std::stop_token& stop) 
                                         ? "a record's length is 0 or beyond 16 MB: the rest of "
                                           "what comes cannot be read"
                                         : "the viewer's camera has ended",
-                          .definite = true};
+                          .permanent = true};
         return result;
       }
     }
@@ -187,8 +187,8 @@ std::string viewer_image_error(std::span<const std::uint8_t> bytes) {
   const ImageLimits limits;
   if (std::int64_t{header->width} * header->height > limits.max_pixels)
     return fmt::format("{}x{} pixels are too many", header->width, header->height);
-  std::vector<std::uint8_t> kept;
-  return find_image_damage(bytes, *header, kept);
+  std::vector<std::uint8_t> needed_chunks;
+  return find_image_damage(bytes, *header, needed_chunks);
 }
 
 std::unique_ptr<LiveBackend> make_viewer_backend(int fd, const std::string& label) {

@@ -44,7 +44,7 @@ Bytes record(const Bytes& bytes) {
   return result;
 }
 
-TEST(ViewerParser, PiecesOfAnySizeGiveTheNewestRecord) {
+TEST(ViewerParser, NewestRecordIsIndependentOfSplits) {
   Bytes stream = record(jpeg(10));
   const Bytes second = record({1, 2, 3});
   stream.insert(stream.end(), second.begin(), second.end());
@@ -172,9 +172,9 @@ TEST_F(ViewerSourceTest, InvalidRecordsAreSkipped) {
   }
   send(record(good));
   EXPECT_NEAR(value_of_next(), 50, 2);
-  const std::string said = ::testing::internal::GetCapturedStderr();
-  EXPECT_THAT(said, HasSubstr("it is skipped"));
-  EXPECT_LE(std::count(said.begin(), said.end(), '\n'), 3) << said;
+  const std::string log_output = ::testing::internal::GetCapturedStderr();
+  EXPECT_THAT(log_output, HasSubstr("it is skipped"));
+  EXPECT_LE(std::count(log_output.begin(), log_output.end(), '\n'), 3) << log_output;
 }
 
 TEST_F(ViewerSourceTest, EndOfInputEndsTheSource) {
@@ -186,7 +186,7 @@ TEST_F(ViewerSourceTest, EndOfInputEndsTheSource) {
   EXPECT_TRUE(source_->ended());
 }
 
-TEST_F(ViewerSourceTest, ABadLengthIsTheEndOfTheSource) {
+TEST_F(ViewerSourceTest, InvalidLengthEndsSource) {
   send(record(jpeg(50)));
   EXPECT_NEAR(value_of_next(), 50, 2);
   send(length(ViewerParser::kMaxBytes + 1));
@@ -198,7 +198,7 @@ TEST_F(ViewerSourceTest, ABadLengthIsTheEndOfTheSource) {
   }
 }
 
-TEST_F(ViewerSourceTest, AnEndBeforeTheFirstImageIsABadInput) {
+TEST_F(ViewerSourceTest, EndBeforeFirstImageIsInputError) {
   hang_up();
   EXPECT_THROW(value_of_next(), InputError);
 }

@@ -62,15 +62,15 @@ cv::Mat sheet_map(const cv::Mat& rays, const geometry::Rigid3& camera_from_board
   return map;
 }
 
-cv::Mat background(cv::Size size, const BoardLook& look) {
-  cv::Mat gray(size, CV_32FC1, cv::Scalar(0.45 * (look.paper + look.ink)));
-  Rng rng(look.seed ^ 0x5eedb0a2dULL);
+cv::Mat background(cv::Size size, const BoardAppearance& appearance) {
+  cv::Mat gray(size, CV_32FC1, cv::Scalar(0.45 * (appearance.paper + appearance.ink)));
+  Rng rng(appearance.seed ^ 0x5eedb0a2dULL);
   const double larger = std::max(size.width, size.height);
-  for (int i = 0; i < look.clutter; ++i) {
+  for (int i = 0; i < appearance.clutter; ++i) {
     const int y = rng.integer(0, size.height - 1);
     const cv::Point at(rng.integer(0, size.width - 1), y);
     const int radius = std::max(2, cvRound(larger * rng.uniform(0.01, 0.1)));
-    const cv::Scalar level(rng.uniform(look.ink, look.paper));
+    const cv::Scalar level(rng.uniform(appearance.ink, appearance.paper));
     if (i % 2 == 0) {
       cv::circle(gray, at, radius, level, cv::FILLED, cv::LINE_AA);
     } else {
@@ -185,15 +185,16 @@ BoardRenderer::BoardRenderer(const geometry::Camera& camera, const BoardSpec& sp
 }
 
 cv::Mat render_board(const geometry::Camera& camera, const geometry::Rigid3& camera_from_board,
-                     const BoardSpec& spec, const BoardLook& look) {
-  return BoardRenderer(camera, spec).render(camera_from_board, look);
+                     const BoardSpec& spec, const BoardAppearance& appearance) {
+  return BoardRenderer(camera, spec).render(camera_from_board, appearance);
 }
 
 cv::Mat BoardRenderer::render(const geometry::Rigid3& camera_from_board,
-                              const BoardLook& look) const {
-  TARSIER_REQUIRE(look.blur_px >= 0 && look.blur_px <= 50, "blur {} px", look.blur_px);
+                              const BoardAppearance& appearance) const {
+  TARSIER_REQUIRE(appearance.blur_px >= 0 && appearance.blur_px <= 50, "blur {} px",
+                  appearance.blur_px);
   const cv::Mat map = sheet_map(rays_, camera_from_board);
-  cv::Mat gray = background({camera_.width, camera_.height}, look);
+  cv::Mat gray = background({camera_.width, camera_.height}, appearance);
   const double width = print_.sheet().width;
   cv::parallel_for_(cv::Range(0, camera_.height), [&](const cv::Range& range) {
     for (int y = range.start; y < range.end; ++y) {
@@ -225,8 +226,8 @@ cv::Mat BoardRenderer::render(const geometry::Rigid3& camera_from_board,
           if (const auto ink = print_.uniform_ink(box)) {
             const double middle =
                 0.25 * (corner[0][0] + corner[1][0] + corner[2][0] + corner[3][0]);
-            const double light = 1 - look.fall_off * (middle - print_.sheet().x) / width;
-            out[x] = static_cast<float>(light * (*ink ? look.ink : look.paper));
+            const double light = 1 - appearance.fall_off * (middle - print_.sheet().x) / width;
+            out[x] = static_cast<float>(light * (*ink ? appearance.ink : appearance.paper));
             continue;
           }
         }
@@ -243,19 +244,20 @@ cv::Mat BoardRenderer::render(const geometry::Rigid3& camera_from_board,
               continue;
             }
             const double light =
-                1 - look.fall_off * std::clamp((at.x - print_.sheet().x) / width, 0.0, 1.0);
-            sum += light * (print_.is_ink(at) ? look.ink : look.paper);
+                1 - appearance.fall_off * std::clamp((at.x - print_.sheet().x) / width, 0.0, 1.0);
+            sum += light * (print_.is_ink(at) ? appearance.ink : appearance.paper);
           }
         }
         out[x] = static_cast<float>(sum / (kSamples * kSamples));
       }
     }
   });
-  if (look.blur_px > 0) cv::GaussianBlur(gray, gray, {}, look.blur_px, look.blur_px);
+  if (appearance.blur_px > 0)
+    cv::GaussianBlur(gray, gray, {}, appearance.blur_px, appearance.blur_px);
   cv::Mat image;
   gray.convertTo(image, CV_8U);
-  if (look.color) cv::cvtColor(image, image, cv::COLOR_GRAY2BGR);
-  if (look.noise > 0) add_noise(image, look.noise, look.seed);
+  if (appearance.color) cv::cvtColor(image, image, cv::COLOR_GRAY2BGR);
+  if (appearance.noise > 0) add_noise(image, appearance.noise, appearance.seed);
   return image;
 }
 
@@ -289,13 +291,13 @@ geometry::Rigid3 board_pose(const geometry::Camera& camera, const BoardSpec& spe
   TARSIER_REQUIRE(ray.has_value(), "no ray through ({}, {})", at.x, at.y);
   // Along the central ray; a fisheye changes the scale there, too.
   const double smaller = std::min(camera.width, camera.height);
-  const double far =
+  const double distance =
       0.5 * (camera.fx + camera.fy) * std::max(sheet.width, sheet.height) / (share * smaller);
   geometry::Rigid3 pose;
   pose.rotation = turn(2, angles_deg[2]) * turn(1, angles_deg[0]) * turn(0, angles_deg[1]);
-  const Eigen::Vector3d middle(sheet.x + 0.5 * sheet.width, sheet.y + 0.5 * sheet.height, 0);
+  const Eigen::Vector3d center(sheet.x + 0.5 * sheet.width, sheet.y + 0.5 * sheet.height, 0);
   const Eigen::Vector3d direction = Eigen::Vector3d(ray->x, ray->y, 1).normalized();
-  pose.translation = far * direction - pose.rotation * middle;
+  pose.translation = distance * direction - pose.rotation * center;
   return pose;
 }
 
@@ -325,10 +327,10 @@ std::vector<geometry::Rigid3> board_poses(const geometry::Camera& camera, const 
 
 namespace {
 
-constexpr double kHold_s = 0.6;  // duration at one place
-constexpr double kMove_s = 0.6;  // duration of a move
-constexpr double kAway_s = 0.5;  // without the board, at the beginning
-constexpr int kPlaces = 20;
+constexpr double kStill_s = 0.6;   // duration at one position
+constexpr double kMove_s = 0.6;    // duration of a move
+constexpr double kAbsent_s = 0.5;  // without the board, at the beginning
+constexpr int kPositionCount = 20;
 
 geometry::Camera video_camera(cv::Size size) {
   TARSIER_REQUIRE(size.width >= 160 && size.height >= 120, "{}x{} px", size.width, size.height);
@@ -352,31 +354,31 @@ geometry::Rigid3 between(const geometry::Rigid3& a, const geometry::Rigid3& b, d
 BoardVideo::BoardVideo(cv::Size size, const BoardSpec& spec, std::uint64_t seed)
     : camera_(video_camera(size)),
       spec_(spec),
-      poses_(board_poses(camera_, spec, kPlaces, seed)),
+      poses_(board_poses(camera_, spec, kPositionCount, seed)),
       renderer_(camera_, spec),
       seed_(seed) {}
 
 std::optional<geometry::Rigid3> BoardVideo::pose_at(double time_s) const {
-  const double round = kAway_s + kPlaces * (kHold_s + kMove_s);
-  const double time = std::fmod(std::max(0.0, time_s), round) - kAway_s;
+  const double round = kAbsent_s + kPositionCount * (kStill_s + kMove_s);
+  const double time = std::fmod(std::max(0.0, time_s), round) - kAbsent_s;
   if (time < 0) return std::nullopt;
-  const auto place =
-      std::min<std::size_t>(kPlaces - 1, static_cast<std::size_t>(time / (kHold_s + kMove_s)));
-  const double moved =
-      (time - static_cast<double>(place) * (kHold_s + kMove_s) - kHold_s) / kMove_s;
-  if (moved <= 0) return poses_[place];
-  const double eased = moved * moved * (3 - 2 * moved);
-  return between(poses_[place], poses_[(place + 1) % kPlaces], eased);
+  const auto index = std::min<std::size_t>(kPositionCount - 1,
+                                           static_cast<std::size_t>(time / (kStill_s + kMove_s)));
+  const double progress =
+      (time - static_cast<double>(index) * (kStill_s + kMove_s) - kStill_s) / kMove_s;
+  if (progress <= 0) return poses_[index];
+  const double eased = progress * progress * (3 - 2 * progress);
+  return between(poses_[index], poses_[(index + 1) % kPositionCount], eased);
 }
 
 cv::Mat BoardVideo::image_at(double time_s) const {
-  BoardLook look;
-  look.seed = seed_;
-  look.noise = 0;
-  look.clutter = 12;
-  geometry::Rigid3 away;  // far behind the camera
-  away.translation = {0, 0, -100};
-  return renderer_.render(pose_at(time_s).value_or(away), look);
+  BoardAppearance appearance;
+  appearance.seed = seed_;
+  appearance.noise = 0;
+  appearance.clutter = 12;
+  geometry::Rigid3 absent;  // far behind the camera
+  absent.translation = {0, 0, -100};
+  return renderer_.render(pose_at(time_s).value_or(absent), appearance);
 }
 
 }  // namespace tarsier::synth

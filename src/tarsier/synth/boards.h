@@ -16,7 +16,7 @@
 // Synthetic views of printed calibration boards by a known camera.
 namespace tarsier::synth {
 
-struct BoardLook {
+struct BoardAppearance {
   double blur_px = 0.6;   // standard deviation of the blur of lens and pixels
   double noise = 1.5;     // grey levels
   double paper = 225;     // grey level of white, 0..255
@@ -50,7 +50,7 @@ class BoardRenderer {
  public:
   BoardRenderer(const geometry::Camera& camera, const planar::calibration::BoardSpec& spec);
   [[nodiscard]] cv::Mat render(const geometry::Rigid3& camera_from_board,
-                               const BoardLook& look) const;
+                               const BoardAppearance& appearance) const;
 
  private:
   geometry::Camera camera_;
@@ -63,7 +63,7 @@ class BoardRenderer {
 [[nodiscard]] cv::Mat render_board(const geometry::Camera& camera,
                                    const geometry::Rigid3& camera_from_board,
                                    const planar::calibration::BoardSpec& spec,
-                                   const BoardLook& look = {});
+                                   const BoardAppearance& appearance = {});
 
 // The exact positions of the board's points that are inside the image by `margin_px`. For dots
 // these are the projections of their centres (which are not the centres of their images).

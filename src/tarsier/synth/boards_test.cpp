@@ -20,17 +20,18 @@ TEST(SynthBoardsTest, PixelsAreMeansOverTheirArea) {
   const geometry::Camera camera{200, 200, 200, 200, 99.5, 99.5};
   geometry::Rigid3 pose;
   pose.translation = {-0.1, -0.1, 1};  // 20 px a pitch, the middle dot in the image's middle
-  BoardLook look;
-  look.blur_px = 0;
-  look.noise = 0;
-  look.fall_off = 0;
-  look.color = false;
-  const cv::Mat image = render_board(camera, pose, spec, look);
+  BoardAppearance appearance;
+  appearance.blur_px = 0;
+  appearance.noise = 0;
+  appearance.fall_off = 0;
+  appearance.color = false;
+  const cv::Mat image = render_board(camera, pose, spec, appearance);
   double dark = 0;
   cv::Point2d sum;
   for (int y = 90; y < 110; ++y) {
     for (int x = 90; x < 110; ++x) {
-      const double d = (look.paper - image.at<uchar>(y, x)) / (look.paper - look.ink);
+      const double d =
+          (appearance.paper - image.at<uchar>(y, x)) / (appearance.paper - appearance.ink);
       dark += d;
       sum += d * cv::Point2d(x, y);
     }
@@ -41,7 +42,7 @@ TEST(SynthBoardsTest, PixelsAreMeansOverTheirArea) {
 }
 
 // The renderer skips the samples of pixels with a uniform box, so none of these may differ.
-TEST(SynthBoardsTest, WhereInkIsUniformEachPlaceHasIt) {
+TEST(SynthBoardsTest, UniformInkMatchesEachPoint) {
   for (const char* words :
        {"chess:9x6", "circles:4x11", "circles-grid:5x4:0.9", "charuco:5x7:6x6_250"}) {
     const BoardPrint print(parse_board(words, 0.025));
@@ -67,7 +68,7 @@ TEST(SynthBoardsTest, WhereInkIsUniformEachPlaceHasIt) {
   }
 }
 
-TEST(SynthBoardsTest, PosesShowTheWholeBoardWhereAsked) {
+TEST(SynthBoardsTest, PosesShowWholeBoardAtRequestedPosition) {
   const auto spec = parse_board("chess:9x6", 0.025);
   const geometry::Camera camera{640, 480, 520, 520, 320, 240, {-0.3, 0.1, 0, 0, 0}};
   for (const geometry::Rigid3& pose : board_poses(camera, spec, 20, 1))
@@ -79,7 +80,7 @@ TEST(SynthBoardsTest, PosesShowTheWholeBoardWhereAsked) {
   EXPECT_NEAR(middle.y, 0.6 * 479, 4);
 }
 
-TEST(SynthBoardsTest, AVideoHoldsTheBoardStillAndMovesIt) {
+TEST(SynthBoardsTest, VideoAlternatesRestAndMotion) {
   const BoardVideo video({320, 240}, parse_board("chess:9x6", 0.025), 3);
   EXPECT_FALSE(video.pose_at(0.2));
   const auto first = video.pose_at(0.6);

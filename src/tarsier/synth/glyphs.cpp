@@ -145,7 +145,7 @@ std::vector<GlyphSet::Typeface> load_all(const char* const (&files)[N]) {
   return typefaces;
 }
 
-std::vector<GlyphSet::Typeface> load_usual() {
+std::vector<GlyphSet::Typeface> load_installed() {
   std::vector<GlyphSet::Typeface> typefaces = load_all(kFiles);
   if (typefaces.size() < 2) {
     throw InputError("typefaces",
@@ -201,7 +201,7 @@ int GlyphSet::pick(Rng& rng) const {
 }
 
 std::shared_ptr<const GlyphSet> load_glyphs() {
-  return std::make_shared<const GlyphSet>(load_usual());
+  return std::make_shared<const GlyphSet>(load_installed());
 }
 
 std::shared_ptr<const GlyphSet> load_many_glyphs(std::uint64_t seed, int drawn) {
@@ -215,7 +215,7 @@ std::shared_ptr<const GlyphSet> load_many_glyphs(std::uint64_t seed, int drawn) 
       typefaces.push_back(std::move(typeface));
     }
   };
-  add(load_usual(), 3);
+  add(load_installed(), 3);
   add(load_all(kMoreFiles), 2);
   add(draw(seed, drawn), 5);
   return std::make_shared<const GlyphSet>(std::move(typefaces));

@@ -45,7 +45,7 @@ HeightField::HeightField(const Rng& base) : values_(kRows, kCols, 0.0) {
       slope_y = std::max(slope_y, std::abs(values_((y + 1) % kRows, x) - here));
     }
   }
-  steepest_ = std::hypot(slope_x, slope_y) / kSpacing;
+  max_slope_ = std::hypot(slope_x, slope_y) / kSpacing;
 }
 
 double HeightField::first_hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
@@ -55,8 +55,8 @@ double HeightField::first_hit(const Eigen::Vector3d& origin, const Eigen::Vector
   if (is_flat()) return std::min(t, limit);
   t = std::max(t, from);
   // A surface of this slope cannot be met before this share of the gap.
-  const double pace = 1 / (-direction[2] + steepest_ * std::sqrt(direction[0] * direction[0] +
-                                                                 direction[1] * direction[1]));
+  const double pace = 1 / (-direction[2] + max_slope_ * std::sqrt(direction[0] * direction[0] +
+                                                                  direction[1] * direction[1]));
   const auto gap_at = [&](double at) {
     return origin[2] + at * direction[2] -
            height(origin[0] + at * direction[0], origin[1] + at * direction[1]);
@@ -76,18 +76,18 @@ double HeightField::first_hit(const Eigen::Vector3d& origin, const Eigen::Vector
   return std::min(t, limit);
 }
 
-double HeightField::clear_until(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
-                                double spread, double from) const {
+double HeightField::free_distance(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                                  double spread, double from) const {
   if (is_flat() || direction[2] + spread >= 0) return from;
   // Nothing can be met before the steepest ray reaches the highest point.
   double t = std::max(from, (top_ - origin[2]) / (direction[2] - spread));
   // At t, a ray of the cone is at most t * spread off its axis. The free distance is smaller by
   // this, measured perpendicular to the steepest slope.
-  const double widening = spread * std::sqrt(1 + steepest_ * steepest_);
+  const double widening = spread * std::sqrt(1 + max_slope_ * max_slope_);
   const double pace =
-      1 /
-      (-direction[2] +
-       steepest_ * std::sqrt(direction[0] * direction[0] + direction[1] * direction[1]) + widening);
+      1 / (-direction[2] +
+           max_slope_ * std::sqrt(direction[0] * direction[0] + direction[1] * direction[1]) +
+           widening);
   constexpr double kCloseEnough = 0.6;
   for (int i = 0; i < 100; ++i) {
     const double gap = origin[2] + t * direction[2] -

@@ -2,12 +2,12 @@
 #pragma once
 
 #include "tarsier/core/rng.h"
-#include "tarsier/synth/relief_texture.h"
+#include "tarsier/synth/sfm_scene_texture.h"
 
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
 
-// The surface of relief.h.
+// The surface of sfm_scene.h.
 namespace tarsier::synth {
 
 constexpr double kReliefDepth = 2;  // units
@@ -45,8 +45,9 @@ class HeightField {
   // Returns t >= from such that all rays of a cone are free of the surface up to t, if they are
   // free up to `from`. The rays start at `origin`; their directions differ from `direction` by at
   // most `spread`. After J. Amanatides, "Ray tracing with cones", SIGGRAPH 1984.
-  [[nodiscard]] double clear_until(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
-                                   double spread, double from) const;
+  [[nodiscard]] double free_distance(const Eigen::Vector3d& origin,
+                                     const Eigen::Vector3d& direction, double spread,
+                                     double from) const;
 
  private:
   static constexpr int kCols = 256;  // powers of 2
@@ -104,7 +105,7 @@ class HeightField {
   cv::Mat1d values_;                // control points; empty: flat
   const double* points_ = nullptr;  // data of values_, without a call
   double top_ = 0;
-  double steepest_ = 0;
+  double max_slope_ = 0;
 };
 
 }  // namespace tarsier::synth

@@ -19,24 +19,24 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kTurn = 2 * std::numbers::pi;
-constexpr double kStep = 2.5;      // m, between images in a street
-constexpr double kHalfStreet = 8;  // m
-constexpr double kBlock = 60;      // m
-constexpr double kSegment = 10;    // m, length of a facade section
-constexpr double kHigh = 12;       // m
-constexpr int kModules = 6;        // facade designs that are repeated
-constexpr int kMinMatches = 30;    // minimum matches of a pair
-constexpr double kMaxTurn =
+constexpr double kStep = 2.5;         // m, between images in a street
+constexpr double kHalfStreet = 8;     // m
+constexpr double kBlock = 60;         // m
+constexpr double kSegment = 10;       // m, length of a facade section
+constexpr double kFacadeHeight = 12;  // m
+constexpr int kModules = 6;           // facade designs that are repeated
+constexpr int kMinMatches = 30;       // minimum matches of a pair
+constexpr double kMinViewCosine =
     0.7;                        // cosine of the largest change of the viewing direction in a match
 constexpr double kFocal = 500;  // px
 constexpr int kSegmentsAhead = 8;
 constexpr int kPerSegment = 130;  // number of points
 
-// A point of a surface. Points that look alike have the same `look`.
+// A point of a surface. Points that look alike have the same `appearance`.
 struct SitePoint {
   Vector3d position;
   Vector3d normal;
-  int look = 0;
+  int appearance = 0;
 };
 
 geometry::Rigid3 pose_at(const Vector3d& center, const Vector3d& forward, Rng& rng) {
@@ -65,7 +65,7 @@ class Site {
     site_.camera.fx = site_.camera.fy = kFocal;
     site_.camera.cx = 319.5;
     site_.camera.cy = 239.5;
-    looks_ = kModules * kPerSegment;
+    appearance_count_ = kModules * kPerSegment;
   }
 
   ObservedSite make() {
@@ -104,16 +104,17 @@ class Site {
     for (int k = 0; k < kPerSegment; ++k) {
       const double x = design.uniform(0, length);
       const double depth = design.uniform(-0.8, 0.8);
-      const double z = design.uniform(0, kHigh);
-      const bool is_own = module < 0 || rng_.uniform() < details;
+      const double z = design.uniform(0, kFacadeHeight);
+      const bool is_unique = module < 0 || rng_.uniform() < details;
       Vector3d position(from.x() + x * along.x(), from.y() + x * along.y(), z);
       // Its unique points also have other positions.
-      if (is_own && module >= 0) {
+      if (is_unique && module >= 0) {
         const double x2 = rng_.uniform(0, length);
-        position = {from.x() + x2 * along.x(), from.y() + x2 * along.y(), rng_.uniform(0, kHigh)};
+        position = {from.x() + x2 * along.x(), from.y() + x2 * along.y(),
+                    rng_.uniform(0, kFacadeHeight)};
       }
-      points_.push_back(
-          {position + depth * normal, normal, is_own ? looks_++ : module * kPerSegment + k});
+      points_.push_back({position + depth * normal, normal,
+                         is_unique ? appearance_count_++ : module * kPerSegment + k});
     }
   }
 
@@ -158,7 +159,7 @@ class Site {
       points_.push_back({{rng_.uniform(-2 * kSpacing, width - 2 * kSpacing),
                           rng_.uniform(-2 * kSpacing, length - 2 * kSpacing), rng_.uniform(-6, 6)},
                          Vector3d::UnitZ(),
-                         looks_++});
+                         appearance_count_++});
     for (int i = 0; i < options_.images; ++i) {
       const int row = i / across;
       const int column = row % 2 == 0 ? i % across : across - 1 - i % across;
@@ -168,11 +169,11 @@ class Site {
   }
 
   // Cameras along a line on the ground, looking ahead and to the left.
-  void follow(const std::vector<Vector2d>& line) {
+  void add_cameras_along(const std::vector<Vector2d>& line) {
     std::vector<double> lengths{0};
     for (std::size_t k = 1; k < line.size(); ++k)
       lengths.push_back(lengths.back() + (line[k] - line[k - 1]).norm());
-    const auto place = [&](double s) -> Vector2d {
+    const auto position_at = [&](double s) -> Vector2d {
       s = std::clamp(s, 0.0, lengths.back());
       const auto k = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(
           std::upper_bound(lengths.begin(), lengths.end(), s) - lengths.begin() - 1, 0,
@@ -181,8 +182,8 @@ class Site {
     };
     for (int i = 0; i < options_.images; ++i) {
       const double s = i * lengths.back() / std::max(1, options_.images - 1);
-      const Vector2d c = (place(s - 5) + place(s) + place(s + 5)) / 3;
-      const Vector2d ahead = (place(s + 8) - place(s - 8)).normalized();
+      const Vector2d c = (position_at(s - 5) + position_at(s) + position_at(s + 5)) / 3;
+      const Vector2d ahead = (position_at(s + 8) - position_at(s - 8)).normalized();
       const Vector2d left(-ahead.y(), ahead.x());
       const Vector2d view = ahead + 1.2 * left;
       site_.poses.push_back(
@@ -202,7 +203,7 @@ class Site {
     const Vector2d ahead = line.back() - line[line.size() - 2];
     for (int k = 0; k < kSegmentsAhead; ++k) street.push_back(street.back() + ahead);
     facades(street, 1);
-    follow(line);
+    add_cameras_along(line);
   }
 
   void city() {
@@ -244,7 +245,7 @@ class Site {
     std::vector<Vector2d> distinct;
     for (const Vector2d& p : line)
       if (distinct.empty() || (p - distinct.back()).norm() > 1) distinct.push_back(p);
-    follow(distinct);
+    add_cameras_along(distinct);
   }
 
   void symmetric() {
@@ -268,7 +269,7 @@ class Site {
   // --- observations ---
 
   // Direction to the camera in the axes of the surface.
-  static Vector3d seen_from(const SitePoint& point, const Vector3d& center) {
+  static Vector3d view_direction(const SitePoint& point, const Vector3d& center) {
     const Vector3d to = (center - point.position).normalized();
     const Vector3d up = std::abs(point.normal.z()) > 0.9 ? Vector3d::UnitY() : Vector3d::UnitZ();
     const Vector3d right = up.cross(point.normal).normalized();
@@ -276,9 +277,9 @@ class Site {
   }
 
   void observe() {
-    constexpr double kFar = 45;
+    constexpr double kMaxDistance = 45;
     constexpr double kCell = 50;
-    const double far = options_.kind == SiteKind::kGrid ? 120 : kFar;
+    const double max_distance = options_.kind == SiteKind::kGrid ? 120 : kMaxDistance;
     std::map<std::pair<int, int>, std::vector<int>> cells;
     const auto cell_of = [&](const Vector3d& p) {
       return std::pair(static_cast<int>(std::floor(p.x() / kCell)),
@@ -286,7 +287,7 @@ class Site {
     };
     for (std::size_t p = 0; p < points_.size(); ++p)
       cells[cell_of(points_[p].position)].push_back(static_cast<int>(p));
-    const int reach = static_cast<int>(std::ceil(far / kCell));
+    const int reach = static_cast<int>(std::ceil(max_distance / kCell));
     for (std::size_t i = 0; i < site_.poses.size(); ++i) {
       const geometry::Rigid3& pose = site_.poses[i];
       const Vector3d center = pose.center();
@@ -298,7 +299,8 @@ class Site {
           if (found == cells.end()) continue;
           for (const int p : found->second) {
             const SitePoint& point = points_[at(p)];
-            if ((point.position - center).norm() > far || seen_from(point, center).z() < 0.25)
+            if ((point.position - center).norm() > max_distance ||
+                view_direction(point, center).z() < 0.25)
               continue;
             const auto pixel = site_.camera.project(pose * point.position);
             if (!pixel || pixel->x < 0 || pixel->y < 0 || pixel->x > 639 || pixel->y > 479)
@@ -331,18 +333,18 @@ class Site {
     for (std::size_t i = 0; i < site_.poses.size(); ++i) {
       for (std::size_t f = 0; f < point_of_[i].size(); ++f) {
         const auto [known, fresh] =
-            feature_of[i].emplace(points_[at(point_of_[i][f])].look, static_cast<int>(f));
+            feature_of[i].emplace(points_[at(point_of_[i][f])].appearance, static_cast<int>(f));
         if (!fresh) known->second = -1;
       }
       std::erase_if(feature_of[i], [](const auto& entry) { return entry.second < 0; });
-      for (const auto& [look, feature] : feature_of[i])
-        images_of[look].push_back(static_cast<int>(i));
+      for (const auto& [appearance, feature] : feature_of[i])
+        images_of[appearance].push_back(static_cast<int>(i));
     }
     std::map<std::pair<int, int>, ObservedSite::Pair> chosen;
     for (std::size_t i = 0; i < site_.poses.size(); ++i) {
       std::unordered_map<int, int> common;
-      for (const auto& [look, feature] : feature_of[i])
-        for (const int other : images_of[look])
+      for (const auto& [appearance, feature] : feature_of[i])
+        for (const int other : images_of[appearance])
           if (other != static_cast<int>(i)) ++common[other];
       std::vector<std::pair<int, int>> order;
       for (const auto& [other, count] : common)
@@ -373,12 +375,13 @@ class Site {
     const Vector3d a = site_.poses[at(first)].center();
     const Vector3d b = site_.poses[at(second)].center();
     std::size_t same = 0;
-    for (const auto& [look, feature] : feature_of[at(first)]) {
-      const auto other = feature_of[at(second)].find(look);
+    for (const auto& [appearance, feature] : feature_of[at(first)]) {
+      const auto other = feature_of[at(second)].find(appearance);
       if (other == feature_of[at(second)].end()) continue;
       const int p = point_of_[at(first)][at(feature)];
       const int q = point_of_[at(second)][at(other->second)];
-      if (seen_from(points_[at(p)], a).dot(seen_from(points_[at(q)], b)) < kMaxTurn) continue;
+      if (view_direction(points_[at(p)], a).dot(view_direction(points_[at(q)], b)) < kMinViewCosine)
+        continue;
       if (rng_.uniform() < options_.wrong_share) {
         const auto count = static_cast<int>(site_.features[at(second)].size());
         pair.matches.emplace_back(feature, rng_.integer(0, count - 1));
@@ -395,7 +398,7 @@ class Site {
   Rng rng_;
   ObservedSite site_;
   std::vector<SitePoint> points_;
-  int looks_ = 0;
+  int appearance_count_ = 0;
   std::vector<std::vector<int>> point_of_;  // for each feature
 };
 

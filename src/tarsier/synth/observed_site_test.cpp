@@ -20,7 +20,7 @@ ObservedSite site_of(SiteKind kind, int images, double repeats = 0) {
   return make_observed_site(options);
 }
 
-TEST(ObservedSite, AllButACityHangTogetherByPairs) {
+TEST(ObservedSite, PairsConnectAllImagesExceptOfCity) {
   // A model of city streets may break at corners, where consecutive images share little.
   for (const SiteKind kind :
        {SiteKind::kRing, SiteKind::kGrid, SiteKind::kWalk, SiteKind::kSymmetric}) {
@@ -40,7 +40,7 @@ TEST(ObservedSite, AllButACityHangTogetherByPairs) {
   }
 }
 
-TEST(ObservedSite, OnlyWhatLooksAlikeIsMatchedAcrossPlaces) {
+TEST(ObservedSite, MatchesAcrossPlacesOnlyForRepeatedAppearance) {
   const auto wrong = [](const ObservedSite& site) {
     return std::count_if(site.pairs.begin(), site.pairs.end(),
                          [](const ObservedSite::Pair& pair) { return !pair.same_place; });
@@ -50,7 +50,7 @@ TEST(ObservedSite, OnlyWhatLooksAlikeIsMatchedAcrossPlaces) {
   EXPECT_GT(wrong(site_of(SiteKind::kSymmetric, 40)), 0);
 }
 
-TEST(ObservedSite, TheSameSeedGivesTheSame) {
+TEST(ObservedSite, IsDeterministic) {
   const ObservedSite a = site_of(SiteKind::kCity, 30);
   const ObservedSite b = site_of(SiteKind::kCity, 30);
   EXPECT_EQ(a.features, b.features);
@@ -59,7 +59,7 @@ TEST(ObservedSite, TheSameSeedGivesTheSame) {
     EXPECT_EQ(a.pairs[k].matches, b.pairs[k].matches);
 }
 
-TEST(ObservedSite, BadOptionsAreNamed) {
+TEST(ObservedSite, RejectsInvalidOptions) {
   SiteOptions options;
   options.images = 2;
   EXPECT_THROW((void)make_observed_site(options), std::invalid_argument);

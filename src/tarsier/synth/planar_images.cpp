@@ -17,12 +17,12 @@
 namespace tarsier::synth {
 namespace {
 
-cv::Scalar random_color(Rng& rng, double least = 10, double most = 245) {
+cv::Scalar random_color(Rng& rng, double min_level = 10, double max_level = 245) {
   // Most objects are greyish; some are colourful.
-  const double level = rng.uniform(least, most);
+  const double level = rng.uniform(min_level, max_level);
   const double spread = rng.uniform() < 0.7 ? 15 : 65;
   const auto channel = [&] {
-    return std::clamp(level + rng.uniform(-spread, spread), least, most);
+    return std::clamp(level + rng.uniform(-spread, spread), min_level, max_level);
   };
   const double blue = channel();
   const double green = channel();
@@ -83,9 +83,10 @@ void draw_sheet(cv::Mat& image, const cv::Point2f& at, float length, float angle
     float x = -0.42F * width;
     while (x < 0.4F * width) {
       const auto word = static_cast<float>(rng.uniform(0.03, 0.16)) * width;
-      const float most = std::min(word, 0.42F * width - x);
-      const cv::Point2f middle = at + (x + most / 2) * right + y * down;
-      fill_box(image, {middle, {most, 0.35F * length / static_cast<float>(lines)}, angle}, ink);
+      const float max_width = std::min(word, 0.42F * width - x);
+      const cv::Point2f center = at + (x + max_width / 2) * right + y * down;
+      fill_box(image, {center, {max_width, 0.35F * length / static_cast<float>(lines)}, angle},
+               ink);
       x += word + 0.02F * width;
     }
   }
@@ -290,7 +291,7 @@ cv::Mat clutter_image(int size, std::uint64_t seed) {
   return image;
 }
 
-PlanarPrint cover_print(bool is_hand, double width, std::uint64_t seed) {
+PlanarPrint occluder_print(bool is_hand, double width, std::uint64_t seed) {
   Rng rng(seed ^ 0xc07e4ULL);
   constexpr int kSize = 256;
   cv::Mat color(kSize, kSize, CV_8UC3);

@@ -26,6 +26,6 @@ namespace tarsier::synth {
 [[nodiscard]] cv::Mat clutter_image(int size, std::uint64_t seed);
 
 // A cover: a hand with its fingers (`is_hand`) or a bar, CV_8UC4; the rest is transparent.
-[[nodiscard]] PlanarPrint cover_print(bool is_hand, double width, std::uint64_t seed);
+[[nodiscard]] PlanarPrint occluder_print(bool is_hand, double width, std::uint64_t seed);
 
 }  // namespace tarsier::synth

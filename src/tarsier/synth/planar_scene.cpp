@@ -55,9 +55,10 @@ class RowPainter {
   RowPainter(const cv::Mat& rays, int y)
       : above_(rays.ptr<cv::Vec2f>(y)), below_(rays.ptr<cv::Vec2f>(y + 1)), y_(y) {}
 
-  // `place` is empty for many samples per pixel; otherwise it is the position of the only sample
+  // `position` is empty for many samples per pixel; otherwise it is the position of the only sample
   // (+-0.5 px).
-  void paint(const Layer& layer, const std::optional<cv::Vec2f>& place, std::vector<Pixel4>& row) {
+  void paint(const Layer& layer, const std::optional<cv::Vec2f>& position,
+             std::vector<Pixel4>& row) {
     if (y_ < layer.bounds.y || y_ >= layer.bounds.y + layer.bounds.height) return;
     const int begin = layer.bounds.x;
     const int end = begin + layer.bounds.width;
@@ -69,11 +70,11 @@ class RowPainter {
       if (!(worst > 0)) continue;  // behind the camera, or no ray
       const Pixel4 across = 0.5F * (top_[i + 1] - top_[i] + bottom_[i + 1] - bottom_[i]);
       const Pixel4 down = 0.5F * (bottom_[i] - top_[i] + bottom_[i + 1] - top_[i + 1]);
-      const Pixel4 middle = 0.25F * (top_[i] + top_[i + 1] + bottom_[i] + bottom_[i + 1]);
+      const Pixel4 center = 0.25F * (top_[i] + top_[i + 1] + bottom_[i] + bottom_[i + 1]);
       // The ground has no ground truth, so one sample at the pixel's centre is enough.
-      const Pixel4 seen = place             ? few(layer, middle, across, down, *place)
-                          : layer.is_ground ? few(layer, middle, across, down, {0, 0})
-                                            : many(layer, middle, across, down);
+      const Pixel4 seen = position          ? few(layer, center, across, down, *position)
+                          : layer.is_ground ? few(layer, center, across, down, {0, 0})
+                                            : many(layer, center, across, down);
       row[static_cast<std::size_t>(x)] = seen + (1 - seen[3]) * row[static_cast<std::size_t>(x)];
     }
   }
@@ -131,7 +132,7 @@ class RowPainter {
     return std::min(level, layer.sheet->texture.levels() - 1);
   }
 
-  static Pixel4 grid(const Layer& layer, const Pixel4& middle, const Pixel4& across,
+  static Pixel4 grid(const Layer& layer, const Pixel4& center, const Pixel4& across,
                      const Pixel4& down, int level, int n, bool at_border) {
     Pixel4 sum{};
     const float step = 1.0F / static_cast<float>(n);
@@ -139,8 +140,8 @@ class RowPainter {
       const float b = (static_cast<float>(j) + 0.5F) * step - 0.5F;
       for (int i = 0; i < n; ++i) {
         const float a = (static_cast<float>(i) + 0.5F) * step - 0.5F;
-        const float u = middle[0] + a * across[0] + b * down[0];
-        const float v = middle[1] + a * across[1] + b * down[1];
+        const float u = center[0] + a * across[0] + b * down[0];
+        const float v = center[1] + a * across[1] + b * down[1];
         if (at_border && !is_inside(layer, u, v, 0)) continue;
         sum += layer.sheet->texture.sample(level, u, v);
       }
@@ -148,34 +149,35 @@ class RowPainter {
     return sum * (step * step);
   }
 
-  static Pixel4 many(const Layer& layer, const Pixel4& middle, const Pixel4& across,
+  static Pixel4 many(const Layer& layer, const Pixel4& center, const Pixel4& across,
                      const Pixel4& down) {
     const Footprint size = footprint(across, down);
-    const bool at_border = !is_inside(layer, middle[0], middle[1], size.reach);
-    if (at_border && !is_inside(layer, middle[0], middle[1], -size.reach)) return Pixel4{};
+    const bool at_border = !is_inside(layer, center[0], center[1], size.reach);
+    if (at_border && !is_inside(layer, center[0], center[1], -size.reach)) return Pixel4{};
     const int sharp = level_for(layer, 0.5F * size.width);
     // Width of the blur by the level's own pixels.
     const float blur = static_cast<float>(1 << std::min(sharp, 20));
-    if (!at_border && layer.sheet->texture.is_flat(middle[0], middle[1], size.reach + blur))
-      return layer.sheet->texture.sample(0, middle[0], middle[1]);
+    if (!at_border && layer.sheet->texture.is_flat(center[0], center[1], size.reach + blur))
+      return layer.sheet->texture.sample(0, center[0], center[1]);
     // As many samples as the level has pixels; if these are too many, a coarser level.
     const int level =
         std::max(sharp, level_for(layer, 2 * size.length / static_cast<float>(kMaxSamples)));
     const float pixel = static_cast<float>(1 << std::min(level, 20));
     const int n = std::clamp(static_cast<int>(std::ceil(size.length / pixel)), at_border ? 4 : 2,
                              kMaxSamples);
-    return grid(layer, middle, across, down, level, n, at_border);
+    return grid(layer, center, across, down, level, n, at_border);
   }
 
-  static Pixel4 few(const Layer& layer, const Pixel4& middle, const Pixel4& across,
-                    const Pixel4& down, const cv::Vec2f& place) {
+  static Pixel4 few(const Layer& layer, const Pixel4& center, const Pixel4& across,
+                    const Pixel4& down, const cv::Vec2f& position) {
     const Footprint size = footprint(across, down);
-    const bool at_border = !is_inside(layer, middle[0], middle[1], size.reach);
-    if (at_border && !is_inside(layer, middle[0], middle[1], -size.reach)) return Pixel4{};
+    const bool at_border = !is_inside(layer, center[0], center[1], size.reach);
+    if (at_border && !is_inside(layer, center[0], center[1], -size.reach)) return Pixel4{};
     const int level = level_for(layer, 0.7F * size.length);
-    if (at_border) return grid(layer, middle, across, down, level, 2, true);
-    return layer.sheet->texture.sample(level, middle[0] + place[0] * across[0] + place[1] * down[0],
-                                       middle[1] + place[0] * across[1] + place[1] * down[1]);
+    if (at_border) return grid(layer, center, across, down, level, 2, true);
+    return layer.sheet->texture.sample(level,
+                                       center[0] + position[0] * across[0] + position[1] * down[0],
+                                       center[1] + position[0] * across[1] + position[1] * down[1]);
   }
 
   const cv::Vec2f* above_;
@@ -187,9 +189,9 @@ class RowPainter {
 
 // Sample positions of `count` moments. Together they fill the pixel evenly, and their mean is its
 // centre, so that nothing is shifted. With few moments, each takes many samples.
-std::vector<std::optional<cv::Vec2f>> places_of(int count) {
-  std::vector<std::optional<cv::Vec2f>> places(static_cast<std::size_t>(count));
-  if (count <= 2) return places;
+std::vector<std::optional<cv::Vec2f>> sample_positions(int count) {
+  std::vector<std::optional<cv::Vec2f>> positions(static_cast<std::size_t>(count));
+  if (count <= 2) return positions;
   const auto ranks = [&](double step) {
     std::vector<std::pair<double, int>> order;
     for (int k = 0; k < count; ++k) order.emplace_back(std::fmod(step * (k + 1), 1.0), k);
@@ -202,12 +204,12 @@ std::vector<std::optional<cv::Vec2f>> places_of(int count) {
   };
   const std::vector<float> a = ranks(0.618034);  // golden ratio
   const std::vector<float> b = ranks(0.754878);  // the plastic number's inverse
-  for (std::size_t k = 0; k < places.size(); ++k) places[k] = cv::Vec2f(a[k], b[k]);
-  return places;
+  for (std::size_t k = 0; k < positions.size(); ++k) positions[k] = cv::Vec2f(a[k], b[k]);
+  return positions;
 }
 
 // Light at every eighth pixel, enlarged: it has no detail.
-cv::Mat light_of(const PlanarLook& look, cv::Size size) {
+cv::Mat light_of(const ImagingConditions& imaging, cv::Size size) {
   constexpr int kStep = 8;
   const cv::Size small(size.width / kStep + 2, size.height / kStep + 2);
   cv::Mat light(small, CV_32FC1);
@@ -217,15 +219,16 @@ cv::Mat light_of(const PlanarLook& look, cv::Size size) {
     for (int i = 0; i < small.width; ++i) {
       const double x = i * kStep - 0.5 * size.width;
       const double y = j * kStep - 0.5 * size.height;
-      const double along = (x * std::cos(look.slope_angle) + y * std::sin(look.slope_angle)) / half;
-      const double beyond =
-          x * std::cos(look.shadow_angle) + y * std::sin(look.shadow_angle) - look.shadow_offset;
+      const double along =
+          (x * std::cos(imaging.slope_angle) + y * std::sin(imaging.slope_angle)) / half;
+      const double beyond = x * std::cos(imaging.shadow_angle) +
+                            y * std::sin(imaging.shadow_angle) - imaging.shadow_offset;
       const double out = std::hypot(x, y) / diagonal;
       light.at<float>(j, i) = static_cast<float>(
-          look.gain * std::max(0.0, 1 + 0.5 * look.slope * along) *
-          (1 - look.vignette * out * out) *
-          (1 -
-           look.shadow / (1 + std::exp(-std::clamp(4 * beyond / look.shadow_width, -50.0, 50.0)))));
+          imaging.gain * std::max(0.0, 1 + 0.5 * imaging.slope * along) *
+          (1 - imaging.vignette * out * out) *
+          (1 - imaging.shadow /
+                   (1 + std::exp(-std::clamp(4 * beyond / imaging.shadow_width, -50.0, 50.0)))));
     }
   }
   cv::Mat full;
@@ -243,10 +246,10 @@ void PlanarPrint::check() const {
   TARSIER_REQUIRE(part.width >= 0 && part.height >= 0, "part of {}x{} px", part.width, part.height);
 }
 
-void PlanarLook::check() const {
-  const auto within = [](double value, double least, double most, const char* name) {
-    TARSIER_REQUIRE(value >= least && value <= most, "{} {} is not in {}..{}", name, value, least,
-                    most);
+void ImagingConditions::check() const {
+  const auto within = [](double value, double low, double high, const char* name) {
+    TARSIER_REQUIRE(value >= low && value <= high, "{} {} is not in {}..{}", name, value, low,
+                    high);
   };
   within(gain, 0, 4, "gain");
   within(slope, 0, 1, "slope");
@@ -267,7 +270,7 @@ struct PlanarScene::Parts {
   std::vector<Sheet> sheets;
   Sheet ground;
   double largest_radius = 0;  // of normalised rays in the frame
-  Pixel4 far{};               // colour beyond the ground
+  Pixel4 beyond_ground{};     // colour beyond the ground
   cv::Mat rays;               // CV_32FC2, through the corners of all pixels; NaN if there is none
 
   [[nodiscard]] std::vector<Layer> layers(const PlanarShot& shot) const;
@@ -405,7 +408,7 @@ PlanarScene::PlanarScene(const geometry::Camera& camera, std::vector<PlanarPrint
     parts->sheets.push_back(sheet_of(print.image, part_of(print), print.width, false));
   }
   parts->ground = sheet_of(ground, cv::Rect2d(0, 0, ground.cols, ground.rows), ground_width, true);
-  parts->far = parts->ground.texture.sample(parts->ground.texture.levels() - 1, 0, 0);
+  parts->beyond_ground = parts->ground.texture.sample(parts->ground.texture.levels() - 1, 0, 0);
   parts->prints = std::move(prints);
   parts->rays.create(camera.height + 1, camera.width + 1, CV_32FC2);
   cv::parallel_for_(cv::Range(0, parts->rays.rows), [&](const cv::Range& range) {
@@ -425,8 +428,9 @@ PlanarScene::PlanarScene(const geometry::Camera& camera, std::vector<PlanarPrint
 const geometry::Camera& PlanarScene::camera() const { return parts_->camera; }
 const std::vector<PlanarPrint>& PlanarScene::prints() const { return parts_->prints; }
 
-cv::Mat PlanarScene::render(std::span<const PlanarShot> shots, const PlanarLook& look) const {
-  look.check();
+cv::Mat PlanarScene::render(std::span<const PlanarShot> shots,
+                            const ImagingConditions& imaging) const {
+  imaging.check();
   TARSIER_REQUIRE(!shots.empty() && shots.size() <= 64, "{} shots", shots.size());
   std::vector<std::vector<Layer>> moments;
   for (const PlanarShot& shot : shots) {
@@ -435,10 +439,10 @@ cv::Mat PlanarScene::render(std::span<const PlanarShot> shots, const PlanarLook&
     moments.push_back(parts_->layers(shot));
   }
   const cv::Size size(parts_->camera.width, parts_->camera.height);
-  const cv::Mat light = light_of(look, size);
-  const auto haze = static_cast<float>(look.haze);
+  const cv::Mat light = light_of(imaging, size);
+  const auto haze = static_cast<float>(imaging.haze);
   const int count = static_cast<int>(moments.size());
-  const std::vector<std::optional<cv::Vec2f>> places = places_of(count);
+  const std::vector<std::optional<cv::Vec2f>> positions = sample_positions(count);
   cv::Mat image(size, CV_8UC3);
   cv::parallel_for_(cv::Range(0, size.height), [&](const cv::Range& range) {
     std::vector<Pixel4> row(static_cast<std::size_t>(size.width));
@@ -447,9 +451,9 @@ cv::Mat PlanarScene::render(std::span<const PlanarShot> shots, const PlanarLook&
       RowPainter painter(parts_->rays, y);
       std::fill(sum.begin(), sum.end(), Pixel4{});
       for (int k = 0; k < count; ++k) {
-        std::fill(row.begin(), row.end(), parts_->far);
+        std::fill(row.begin(), row.end(), parts_->beyond_ground);
         for (const Layer& layer : moments[static_cast<std::size_t>(k)])
-          painter.paint(layer, places[static_cast<std::size_t>(k)], row);
+          painter.paint(layer, positions[static_cast<std::size_t>(k)], row);
         for (std::size_t x = 0; x < row.size(); ++x) sum[x] += row[x];
       }
       const auto* bright = light.ptr<float>(y);
@@ -463,9 +467,9 @@ cv::Mat PlanarScene::render(std::span<const PlanarShot> shots, const PlanarLook&
       }
     }
   });
-  if (look.defocus_px > 0.05) cv::GaussianBlur(image, image, {}, look.defocus_px);
-  if (!look.color) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);
-  add_noise(image, look.noise, look.seed);
+  if (imaging.defocus_px > 0.05) cv::GaussianBlur(image, image, {}, imaging.defocus_px);
+  if (!imaging.color) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);
+  add_noise(image, imaging.noise, imaging.seed);
   return image;
 }
 

@@ -37,7 +37,7 @@ struct PlanarShot {
 };
 
 // Properties of the exposure. A pixel's value is gain * light * reflectance + haze.
-struct PlanarLook {
+struct ImagingConditions {
   double gain = 1;           // exposure, 0..4
   double slope = 0;          // relative difference of light between the image's sides, 0..1
   double slope_angle = 0;    // radians, in the image: direction of the bright side
@@ -83,7 +83,8 @@ class PlanarScene {
   // The mean of the images at `shots`: one shot for objects at rest, several (in order of time) for
   // motion blur. Does not depend on the number of threads. Throws std::invalid_argument for no
   // shots, or poses that do not match the prints.
-  [[nodiscard]] cv::Mat render(std::span<const PlanarShot> shots, const PlanarLook& look) const;
+  [[nodiscard]] cv::Mat render(std::span<const PlanarShot> shots,
+                               const ImagingConditions& imaging) const;
 
   // Of the prints in front of the camera that show their front, in their order, without covers.
   [[nodiscard]] std::vector<PrintTruth> truth(const PlanarShot& shot) const;

@@ -45,12 +45,12 @@ PlanarPrint square_print(double width) {
   return print;
 }
 
-PlanarLook clean() {
-  PlanarLook look;
-  look.noise = 0;
-  look.defocus_px = 0;
-  look.color = false;
-  return look;
+ImagingConditions clean() {
+  ImagingConditions imaging;
+  imaging.noise = 0;
+  imaging.defocus_px = 0;
+  imaging.color = false;
+  return imaging;
 }
 
 const cv::Mat& gray_ground() {
@@ -71,7 +71,7 @@ cv::Vec2d extent(const cv::Mat& gray, int row) {
   return {moment / sum - 0.5 * sum, moment / sum + 0.5 * sum};
 }
 
-TEST(PlanarScene, EdgesLieWhereTheTruthSays) {
+TEST(PlanarScene, EdgesMatchTruth) {
   // Magnified, at about the size of its pixels, and from a distance.
   for (const double height : {0.4, 1.1, 3.7}) {
     const PlanarScene scene(camera_of(), {square_print(0.1)}, gray_ground(), 1);
@@ -91,7 +91,7 @@ TEST(PlanarScene, EdgesLieWhereTheTruthSays) {
   }
 }
 
-TEST(PlanarScene, MotionBlurShiftsNothing) {
+TEST(PlanarScene, MotionBlurDoesNotShiftEdges) {
   const PlanarScene scene(camera_of(), {square_print(0.1)}, gray_ground(), 1);
   PlanarShot middle = above(0.5);
   middle.world_from_print = {geometry::Rigid3{}};
@@ -116,7 +116,7 @@ TEST(PlanarScene, MotionBlurShiftsNothing) {
   EXPECT_LT(image.at<uchar>(y - 3, 160), 198);
 }
 
-TEST(PlanarScene, FineLinesAverageFromAfar) {
+TEST(PlanarScene, AntialiasesFineLines) {
   PlanarPrint print;
   print.image = cv::Mat(1024, 1024, CV_8UC1);
   for (int x = 0; x < 1024; ++x) print.image.col(x).setTo(x / 4 % 2 == 0 ? 0 : 200);
@@ -134,7 +134,7 @@ TEST(PlanarScene, FineLinesAverageFromAfar) {
   }
 }
 
-TEST(PlanarScene, CoversHideAndLightDims) {
+TEST(PlanarScene, OccludersHideAndLightDims) {
   PlanarPrint cover;
   cover.id = -1;
   cover.image = cv::Mat(16, 16, CV_8UC4, cv::Scalar(120, 120, 120, 255));
@@ -147,17 +147,17 @@ TEST(PlanarScene, CoversHideAndLightDims) {
   const auto truth = scene.truth(shot);
   ASSERT_EQ(truth.size(), 1U);  // the cover has no ground truth
   EXPECT_NEAR(truth[0].visible, 1 - 1.0 / 16, 0.02);
-  PlanarLook look = clean();
-  const cv::Mat full = scene.render(std::vector{shot}, look);
+  ImagingConditions imaging = clean();
+  const cv::Mat full = scene.render(std::vector{shot}, imaging);
   EXPECT_NEAR(full.at<uchar>(70, 209), 120, 2);
-  look.gain = 0.5;
-  look.haze = 10;
-  const cv::Mat dim = scene.render(std::vector{shot}, look);
+  imaging.gain = 0.5;
+  imaging.haze = 10;
+  const cv::Mat dim = scene.render(std::vector{shot}, imaging);
   EXPECT_NEAR(dim.at<uchar>(70, 209), 70, 2);
   EXPECT_NEAR(dim.at<uchar>(5, 5), 110, 2);
 }
 
-TEST(PlanarScene, DistortionIsTheCameras) {
+TEST(PlanarScene, AppliesDistortionOfCamera) {
   geometry::Camera camera = camera_of(250);
   camera.distortion = {-0.25, 0.08, 0, 0, 0};
   const PlanarScene scene(camera, {square_print(0.05)}, gray_ground(), 1);
@@ -174,19 +174,19 @@ TEST(PlanarScene, DistortionIsTheCameras) {
   EXPECT_LT(truth[0].corners[0].x, 159.5 + 250 * 0.175 / 0.5 - 2);
 }
 
-TEST(PlanarScene, RefusesWhatDoesNotFit) {
+TEST(PlanarScene, RejectsInvalidInput) {
   const PlanarScene scene(camera_of(), {square_print(0.1)}, gray_ground(), 1);
   EXPECT_THROW((void)scene.render({}, clean()), std::invalid_argument);
   EXPECT_THROW((void)scene.render(std::vector{above(1)}, clean()), std::invalid_argument);
-  PlanarLook look;
-  look.noise = -1;
-  EXPECT_THROW(look.check(), std::invalid_argument);
+  ImagingConditions imaging;
+  imaging.noise = -1;
+  EXPECT_THROW(imaging.check(), std::invalid_argument);
 }
 
 TEST(PlanarWorlds, StillsAreReproducible) {
   const auto& family = planar::markers::find_dictionary("36h11");
   StillOptions options;
-  options.least = 3;
+  options.min_prints = 3;
   const PlanarStill a = marker_still(family, 0.1, options, PlanarLevel::kHard, 5);
   cv::setNumThreads(1);
   const PlanarStill b = marker_still(family, 0.1, options, PlanarLevel::kHard, 5);
@@ -204,7 +204,7 @@ TEST(PlanarWorlds, StillsAreReproducible) {
   EXPECT_GT(cv::norm(a.image, other.image, cv::NORM_INF), 20);
 }
 
-TEST(PlanarWorlds, VideosMoveAsFastAsAskedAndRest) {
+TEST(PlanarWorlds, VideosHaveRequestedSpeedAndRest) {
   const auto& family = planar::markers::find_dictionary("orig");
   VideoOptions options;
   options.size = {320, 240};

@@ -47,9 +47,9 @@ bool set_planar_source(std::string_view key, std::string_view value, PlanarSourc
   } else if (key == "exposure") {
     is_good = parse_within(value, 0.0, 0.8, video.exposure);
   } else if (key == "blur") {
-    is_good = parse_within(value, 0.0, 20.0, video.look.defocus_px);
+    is_good = parse_within(value, 0.0, 20.0, video.imaging.defocus_px);
   } else if (key == "cover") {
-    is_good = parse_flag(value, video.cover);
+    is_good = parse_flag(value, video.with_occluder);
   } else if (key == "distorted") {
     is_good = parse_flag(value, video.distorted);
   } else {
@@ -73,10 +73,10 @@ PlanarVideo planar_source_video(const PlanarSourceOptions& options, cv::Size siz
   video.size = size;
   video.fps = fps;
   video.seed = seed;
-  video.look.noise = 0;
-  video.look.vignette = 0.2;
-  video.look.slope = 0.3;
-  video.look.slope_angle = 0.7;
+  video.imaging.noise = 0;
+  video.imaging.vignette = 0.2;
+  video.imaging.slope = 0.3;
+  video.imaging.slope_angle = 0.7;
   if (options.posters) {
     std::vector<PlanarPrint> prints;
     for (int i = 0; i < std::max(1, options.prints); ++i) prints.push_back(poster_print(i, seed));

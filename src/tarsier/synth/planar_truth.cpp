@@ -58,13 +58,13 @@ std::string truth_line(const TruthLine& line, const PlanarStill& still,
       std::vector<double>(still.camera.distortion.begin(), still.camera.distortion.begin() + 5);
   json["size"] = still.truth.empty() ? 0.0 : still.truth.front().width;
   json["level"] = name_of(still.level);
-  const PlanarLook& look = still.look;
-  json["params"] =
-      Json{{"gain", look.gain},         {"grad", look.slope},        {"ga", look.slope_angle},
-           {"vignette", look.vignette}, {"shadow", look.shadow},     {"sa", look.shadow_angle},
-           {"so", look.shadow_offset},  {"sw", look.shadow_width},   {"offset", look.haze},
-           {"blur", look.defocus_px},   {"motion", still.motion_px}, {"ma", still.motion_angle},
-           {"noise", look.noise}};
+  const ImagingConditions& imaging = still.imaging;
+  json["params"] = Json{
+      {"gain", imaging.gain},         {"grad", imaging.slope},      {"ga", imaging.slope_angle},
+      {"vignette", imaging.vignette}, {"shadow", imaging.shadow},   {"sa", imaging.shadow_angle},
+      {"so", imaging.shadow_offset},  {"sw", imaging.shadow_width}, {"offset", imaging.haze},
+      {"blur", imaging.defocus_px},   {"motion", still.motion_px},  {"ma", still.motion_angle},
+      {"noise", imaging.noise}};
   json["markers"] = Json::array();
   for (const PrintTruth& truth : still.truth) {
     Json marker = marker_json(truth);

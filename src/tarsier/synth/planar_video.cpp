@@ -31,9 +31,10 @@ geometry::Camera video_camera(const VideoOptions& options) {
   return camera;
 }
 
-std::vector<PlanarPrint> with_cover(std::vector<PlanarPrint> prints, const VideoOptions& options) {
-  if (!options.cover || prints.empty()) return prints;
-  prints.push_back(cover_print(true, 1.5 * prints.front().width, options.seed));
+std::vector<PlanarPrint> add_occluder(std::vector<PlanarPrint> prints,
+                                      const VideoOptions& options) {
+  if (!options.with_occluder || prints.empty()) return prints;
+  prints.push_back(occluder_print(true, 1.5 * prints.front().width, options.seed));
   return prints;
 }
 
@@ -48,7 +49,7 @@ double path_time(double time_s) {
 
 void VideoOptions::check() const {
   check_fields(*this);
-  look.check();
+  imaging.check();
 }
 
 PlanarVideo::PlanarVideo(std::vector<PlanarPrint> prints,
@@ -57,13 +58,13 @@ PlanarVideo::PlanarVideo(std::vector<PlanarPrint> prints,
     : options_(options),
       radius_(radius),
       world_from_print_(std::move(world_from_print)),
-      scene_(video_camera(options), with_cover(std::move(prints), options),
+      scene_(video_camera(options), add_occluder(std::move(prints), options),
              clutter_image(1024, options.seed), 8 * radius) {
   TARSIER_REQUIRE(radius > 0, "radius {}", radius);
-  const std::size_t covers = options.cover && !world_from_print_.empty() ? 1 : 0;
-  TARSIER_REQUIRE(world_from_print_.size() + covers == scene_.prints().size(),
+  const std::size_t occluders = options.with_occluder && !world_from_print_.empty() ? 1 : 0;
+  TARSIER_REQUIRE(world_from_print_.size() + occluders == scene_.prints().size(),
                   "{} poses for {} prints", world_from_print_.size(),
-                  scene_.prints().size() - covers);
+                  scene_.prints().size() - occluders);
   set_rate();
 }
 
@@ -102,7 +103,7 @@ geometry::Rigid3 PlanarVideo::camera_at(double path) const {
 }
 
 double PlanarVideo::motion_px(const PlanarShot& from, const PlanarShot& to) const {
-  double most = 0;
+  double max_motion = 0;
   for (std::size_t i = 0; i < world_from_print_.size(); ++i) {
     const double half = 0.5 * scene_.prints()[i].width;
     for (int k = 0; k < 4; ++k) {
@@ -111,29 +112,29 @@ double PlanarVideo::motion_px(const PlanarShot& from, const PlanarShot& to) cons
           Eigen::Vector3d(k % 2 == 0 ? -half : half, k < 2 ? -half : half, 0);
       const auto a = camera().project(from.camera_from_world * corner);
       const auto b = camera().project(to.camera_from_world * corner);
-      if (a && b) most = std::max(most, cv::norm(*a - *b));
+      if (a && b) max_motion = std::max(max_motion, cv::norm(*a - *b));
     }
   }
-  return most;
+  return max_motion;
 }
 
 // Sets the rate so that the fastest frame of the first minutes has the requested speed.
 void PlanarVideo::set_rate() {
   constexpr double kStep_s = 0.04;
-  double most = 0;
+  double max_motion = 0;
   for (int k = 0; k < 3000; ++k) {
     const PlanarShot a{camera_at(k * kStep_s), {}};
     const PlanarShot b{camera_at((k + 1) * kStep_s), {}};
-    most = std::max(most, motion_px(a, b));
+    max_motion = std::max(max_motion, motion_px(a, b));
   }
-  if (most > 0) rate_ = options_.speed_px / most * kStep_s * options_.fps;
+  if (max_motion > 0) rate_ = options_.speed_px / max_motion * kStep_s * options_.fps;
 }
 
 PlanarShot PlanarVideo::shot_at(double time_s) const {
   PlanarShot shot;
   shot.camera_from_world = camera_at(rate_ * path_time(std::max(0.0, time_s)));
   shot.world_from_print = world_from_print_;
-  if (!options_.cover || world_from_print_.empty()) return shot;
+  if (!options_.with_occluder || world_from_print_.empty()) return shot;
   // Enters from the left, passes over one print, and returns.
   const double pass = std::floor(time_s / kPass_s);
   const double since = time_s - pass * kPass_s - (kPass_s - kPassing_s);
@@ -152,16 +153,16 @@ PlanarShot PlanarVideo::shot_at(double time_s) const {
 }
 
 cv::Mat PlanarVideo::image_at(double time_s) const {
-  PlanarLook look = options_.look;
-  look.gain *= 1 + options_.exposure * std::sin(kTurn * time_s / 5);
-  look.seed += static_cast<std::uint64_t>(std::llround(std::max(0.0, time_s) * 1e4));
+  ImagingConditions imaging = options_.imaging;
+  imaging.gain *= 1 + options_.exposure * std::sin(kTurn * time_s / 5);
+  imaging.seed += static_cast<std::uint64_t>(std::llround(std::max(0.0, time_s) * 1e4));
   const double open_s = options_.shutter / options_.fps;
   const double smear = motion_px(shot_at(time_s - 0.5 * open_s), shot_at(time_s + 0.5 * open_s));
   const int count = smear < 0.8 ? 1 : std::clamp(cvCeil(smear / 1.5) + 1, 4, 8);
   std::vector<PlanarShot> shots;
   for (int k = 0; k < count; ++k)
     shots.push_back(shot_at(time_s + open_s * ((k + 0.5) / count - 0.5)));
-  return scene_.render(shots, look);
+  return scene_.render(shots, imaging);
 }
 
 std::vector<PrintTruth> PlanarVideo::truth_at(double time_s) const {

@@ -33,25 +33,29 @@ geometry::Camera plain_camera(cv::Size size, double focal) {
   return camera;
 }
 
-PlanarLook random_look(PlanarLevel level, cv::Size size, Rng& rng) {
+ImagingConditions random_imaging(PlanarLevel level, cv::Size size, Rng& rng) {
   const bool easy = level == PlanarLevel::kEasy;
   const bool hard = level == PlanarLevel::kHard;
-  PlanarLook look;
-  look.gain = easy   ? rng.uniform(0.83, 1.1)
-              : hard ? rng.uniform(0.26, 0.87)
-                     : rng.uniform(0.5, 0.95);
-  look.slope = easy ? rng.uniform(0, 0.19) : hard ? rng.uniform(0.1, 0.92) : rng.uniform(0, 0.57);
-  look.slope_angle = rng.uniform(0, kTurn);
-  look.vignette = rng.uniform(0, 0.3);
-  look.shadow = easy ? 0 : rng.uniform(0, hard ? 0.7 : 0.38);
-  look.shadow_angle = rng.uniform(0, kTurn);
-  look.shadow_offset = 0.12 * size.width * rng.uniform(-1, 1);
-  look.shadow_width = rng.uniform(2, 40);
-  look.haze = rng.uniform(0.5, 20);
-  look.defocus_px = rng.uniform(0.05, easy ? 0.55 : hard ? 1.95 : 1.2);
-  look.noise = easy ? rng.uniform(0.6, 3) : hard ? rng.uniform(2.3, 14.5) : rng.uniform(0.5, 7.5);
-  look.seed = rng();
-  return look;
+  ImagingConditions imaging;
+  imaging.gain = easy   ? rng.uniform(0.83, 1.1)
+                 : hard ? rng.uniform(0.26, 0.87)
+                        : rng.uniform(0.5, 0.95);
+  imaging.slope = easy   ? rng.uniform(0, 0.19)
+                  : hard ? rng.uniform(0.1, 0.92)
+                         : rng.uniform(0, 0.57);
+  imaging.slope_angle = rng.uniform(0, kTurn);
+  imaging.vignette = rng.uniform(0, 0.3);
+  imaging.shadow = easy ? 0 : rng.uniform(0, hard ? 0.7 : 0.38);
+  imaging.shadow_angle = rng.uniform(0, kTurn);
+  imaging.shadow_offset = 0.12 * size.width * rng.uniform(-1, 1);
+  imaging.shadow_width = rng.uniform(2, 40);
+  imaging.haze = rng.uniform(0.5, 20);
+  imaging.defocus_px = rng.uniform(0.05, easy ? 0.55 : hard ? 1.95 : 1.2);
+  imaging.noise = easy   ? rng.uniform(0.6, 3)
+                  : hard ? rng.uniform(2.3, 14.5)
+                         : rng.uniform(0.5, 7.5);
+  imaging.seed = rng();
+  return imaging;
 }
 
 // Small rotations of the camera that blur the image by `px` along `angle`, symmetric about the
@@ -79,18 +83,18 @@ bool is_inside(const PrintTruth& truth, cv::Size size, double margin) {
 }
 
 // Places prints in front of the camera one by one, without overlap.
-class Placer {
+class PrintPlacer {
  public:
-  Placer(const geometry::Camera& camera, const StillOptions& options, Rng& rng)
+  PrintPlacer(const geometry::Camera& camera, const StillOptions& options, Rng& rng)
       : camera_(camera), options_(options), rng_(rng) {}
 
   // A pose in which the print's part is inside the image and does not overlap others.
   std::optional<geometry::Rigid3> place(const PlanarPrint& print) {
     const cv::Size size(camera_.width, camera_.height);
-    const double most = std::min(options_.max_side_px, 0.6 * std::min(size.width, size.height));
-    for (int tries = 0; tries < 60; ++tries) {
-      const double least = std::min(options_.min_side_px, most);
-      const double side = least * std::pow(most / least, rng_.uniform());
+    const double max_side = std::min(options_.max_side_px, 0.6 * std::min(size.width, size.height));
+    for (int attempt = 0; attempt < 60; ++attempt) {
+      const double min_side = std::min(options_.min_side_px, max_side);
+      const double side = min_side * std::pow(max_side / min_side, rng_.uniform());
       const cv::Point2d at{rng_.uniform(0, size.width), rng_.uniform(0, size.height)};
       const double tilt = options_.tilt_deg * CV_PI / 180 * std::sqrt(rng_.uniform());
       const double around = rng_.uniform(0, kTurn);
@@ -98,27 +102,27 @@ class Placer {
       geometry::Rigid3 pose;
       pose.rotation = rotation_about({std::cos(around), std::sin(around), 0}, tilt) * kFrontal *
                       rotation_about({0, 0, 1}, roll);
-      const double far = camera_.fx * print.width / side;
-      pose.translation = {(at.x - camera_.cx) / camera_.fx * far,
-                          (at.y - camera_.cy) / camera_.fy * far, far};
+      const double depth = camera_.fx * print.width / side;
+      pose.translation = {(at.x - camera_.cx) / camera_.fx * depth,
+                          (at.y - camera_.cy) / camera_.fy * depth, depth};
       // Leaves a margin around the part.
       const cv::Rect2d part =
           print.part.empty() ? cv::Rect2d(0, 0, print.image.cols, print.image.rows) : print.part;
       const double reach = 0.75 * side * std::max(1.0, part.height / part.width);
       const bool is_free =
-          std::none_of(taken_.begin(), taken_.end(), [&](const Eigen::Vector3d& t) {
+          std::none_of(occupied_.begin(), occupied_.end(), [&](const Eigen::Vector3d& t) {
             return std::hypot(t[0] - at.x, t[1] - at.y) < t[2] + reach;
           });
-      if (!is_free || !is_whole(print, part, pose, size)) continue;
-      taken_.emplace_back(at.x, at.y, reach);
+      if (!is_free || !is_fully_visible(print, part, pose, size)) continue;
+      occupied_.emplace_back(at.x, at.y, reach);
       return pose;
     }
     return std::nullopt;
   }
 
  private:
-  bool is_whole(const PlanarPrint& print, const cv::Rect2d& part, const geometry::Rigid3& pose,
-                cv::Size size) const {
+  bool is_fully_visible(const PlanarPrint& print, const cv::Rect2d& part,
+                        const geometry::Rigid3& pose, cv::Size size) const {
     const double x = 0.5 * print.width;
     const double y = x * part.height / part.width;
     for (int k = 0; k < 4; ++k) {
@@ -136,22 +140,22 @@ class Placer {
   const geometry::Camera& camera_;
   const StillOptions& options_;
   Rng& rng_;
-  std::vector<Eigen::Vector3d> taken_;  // x, y, radius, px
+  std::vector<Eigen::Vector3d> occupied_;  // x, y, radius, px
 };
 
 // A hand or bar that enters from outside over a part of the print, slightly nearer to the camera.
-std::pair<PlanarPrint, geometry::Rigid3> cover_over(const PlanarPrint& print,
-                                                    const geometry::Rigid3& camera_from_print,
-                                                    Rng& rng) {
+std::pair<PlanarPrint, geometry::Rigid3> occluder_over(const PlanarPrint& print,
+                                                       const geometry::Rigid3& camera_from_print,
+                                                       Rng& rng) {
   const bool is_hand = rng.uniform() < 0.5;
   const double width = print.width * (is_hand ? rng.uniform(1.0, 1.6) : rng.uniform(0.5, 1.2));
-  PlanarPrint cover = cover_print(is_hand, width, rng());
+  PlanarPrint occluder = occluder_print(is_hand, width, rng());
   const double angle = rng.uniform(0, kTurn);
-  const double away = print.width * rng.uniform(0.35, 0.75);
+  const double offset = print.width * rng.uniform(0.35, 0.75);
   geometry::Rigid3 above;
   above.rotation = rotation_about({0, 0, 1}, rng.uniform(0, kTurn));
-  above.translation = {away * std::cos(angle), away * std::sin(angle), 0.02 * print.width};
-  return {std::move(cover), camera_from_print * above};
+  above.translation = {offset * std::cos(angle), offset * std::sin(angle), 0.02 * print.width};
+  return {std::move(occluder), camera_from_print * above};
 }
 
 PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigid3> poses,
@@ -160,7 +164,7 @@ PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigi
   still.camera = camera;
   still.level = level;
   const cv::Size size(camera.width, camera.height);
-  still.look = random_look(level, size, rng);
+  still.imaging = random_imaging(level, size, rng);
   const bool moves = level != PlanarLevel::kEasy && rng.uniform() < 0.6;
   still.motion_px = moves ? rng.uniform(0, level == PlanarLevel::kHard ? 9 : 4) : 0;
   still.motion_angle = rng.uniform(0, kTurn);
@@ -176,7 +180,7 @@ PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigi
     shot.world_from_print.push_back(world_from_camera * pose);
   const PlanarScene scene(camera, std::move(prints), clutter_image(kGroundPx, rng()), 3.6);
   const auto shots = smeared(shot, still.motion_px, still.motion_angle, camera.fx);
-  still.image = scene.render(shots, still.look);
+  still.image = scene.render(shots, still.imaging);
   for (PrintTruth& truth : scene.truth(shot))
     if (is_inside(truth, size, 0)) still.truth.push_back(std::move(truth));
   return still;
@@ -190,7 +194,7 @@ std::string_view name_of(PlanarLevel level) {
 
 void StillOptions::check() const {
   check_fields(*this);
-  TARSIER_REQUIRE(least <= most, "{}..{} prints", least, most);
+  TARSIER_REQUIRE(min_prints <= max_prints, "{}..{} prints", min_prints, max_prints);
   TARSIER_REQUIRE(max_side_px >= min_side_px, "sides of {}..{} px", min_side_px, max_side_px);
 }
 
@@ -202,16 +206,16 @@ PlanarStill marker_still(const planar::markers::Dictionary& family, double side,
       plain_camera(options.size, options.size.width * rng.uniform(0.9, 1.2));
   std::vector<PlanarPrint> prints;
   std::vector<geometry::Rigid3> poses;
-  Placer placer(camera, options, rng);
-  const int count = rng.integer(options.least, options.most);
+  PrintPlacer placer(camera, options, rng);
+  const int count = rng.integer(options.min_prints, options.max_prints);
   for (int i = 0; i < count; ++i) {
     PlanarPrint print = marker_print(family, rng.integer(0, family.size() - 1), side);
     const auto pose = placer.place(print);
     if (!pose) continue;
-    const bool is_hidden = rng.uniform() < options.part_hidden;
+    const bool is_hidden = rng.uniform() < options.hidden_share;
     if (is_hidden) {
-      auto [cover, at] = cover_over(print, *pose, rng);
-      prints.push_back(std::move(cover));
+      auto [occluder, at] = occluder_over(print, *pose, rng);
+      prints.push_back(std::move(occluder));
       poses.push_back(at);
     }
     prints.push_back(std::move(print));
@@ -229,13 +233,13 @@ PlanarStill print_still(const std::vector<PlanarPrint>& prints, const StillOptio
       plain_camera(options.size, options.size.width * rng.uniform(0.9, 1.2));
   std::vector<PlanarPrint> shown;
   std::vector<geometry::Rigid3> poses;
-  Placer placer(camera, options, rng);
+  PrintPlacer placer(camera, options, rng);
   const PlanarPrint& print =
       prints[static_cast<std::size_t>(rng.integer(0, static_cast<int>(prints.size()) - 1))];
   if (const auto pose = placer.place(print)) {
-    if (rng.uniform() < options.part_hidden) {
-      auto [cover, at] = cover_over(print, *pose, rng);
-      shown.push_back(std::move(cover));
+    if (rng.uniform() < options.hidden_share) {
+      auto [occluder, at] = occluder_over(print, *pose, rng);
+      shown.push_back(std::move(occluder));
       poses.push_back(at);
     }
     shown.push_back(print);

@@ -22,7 +22,7 @@ struct PlanarStill {
   cv::Mat image;
   geometry::Camera camera;
   PlanarLevel level = PlanarLevel::kEasy;
-  PlanarLook look;
+  ImagingConditions imaging;
   double motion_px = 0;  // blur of a moving camera
   double motion_angle = 0;
   std::vector<PrintTruth> truth;  // only prints that are entirely inside the image
@@ -30,26 +30,26 @@ struct PlanarStill {
 
 struct StillOptions {
   cv::Size size{640, 480};  // px
-  int least = 1;            // minimum number of prints
-  int most = 8;
+  int min_prints = 1;       // minimum number of prints
+  int max_prints = 8;
   double min_side_px = 12;   // of a print's part, before it is tilted
   double max_side_px = 300;  // limited to 0.6 of the image's smaller side
   double tilt_deg = 60;      // maximum
-  double part_hidden = 0;    // share of prints that a hand or a bar partly hides
+  double hidden_share = 0;   // share of prints that a hand or a bar partly hides
 
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(64, 8192)},
             {"size.height", size.height, range(64, 8192)},
-            {"least", least, range(0, 16), "--min-markers",
+            {"least", min_prints, range(0, 16), "--min-markers",
              "minimum of the random number of markers in an image"},
-            {"most", most, range(0, 16), "--max-markers",
+            {"most", max_prints, range(0, 16), "--max-markers",
              "maximum of the random number of markers in an image"},
             {"min_side_px", min_side_px, range(4, 8192), "--min-side",
              "px, minimum frontal side of a marker, or of a target [80]"},
             {"max_side_px", max_side_px, range(4, 8192), "--max-side",
              "px, maximum frontal side; at most 0.6 of the image height"},
             {"tilt_deg", tilt_deg, range(0, 80), "--tilt", "degrees, maximum tilt"},
-            {"part_hidden", part_hidden, range(0, 1), "--hidden",
+            {"part_hidden", hidden_share, range(0, 1), "--hidden",
              "share of markers partly occluded by a hand or a bar"}};
   }
   void check() const;
@@ -67,14 +67,14 @@ struct StillOptions {
 struct VideoOptions {
   cv::Size size{640, 480};  // px
   double fps = 25;
-  double speed_px = 25;    // maximum motion of a print's corner between two frames
-  double tilt_deg = 50;    // of the camera, maximum
-  double shutter = 0.25;   // exposed share of a frame's time
-  double exposure = 0.2;   // relative amplitude of the exposure's variation
-  bool cover = true;       // a hand sometimes passes over the prints
-  bool distorted = false;  // a lens with k1 = -0.25
+  double speed_px = 25;       // maximum motion of a print's corner between two frames
+  double tilt_deg = 50;       // of the camera, maximum
+  double shutter = 0.25;      // exposed share of a frame's time
+  double exposure = 0.2;      // relative amplitude of the exposure's variation
+  bool with_occluder = true;  // a hand sometimes passes over the prints
+  bool distorted = false;     // a lens with k1 = -0.25
   // Its gain is multiplied by the variation; its seed is that of the first frame's noise.
-  PlanarLook look;
+  ImagingConditions imaging;
   std::uint64_t seed = 1;  // of ground and path
 
   [[nodiscard]] OptionFields fields() {

@@ -43,7 +43,7 @@ class DrawnPlates : public testing::Test {
 };
 std::shared_ptr<const GlyphSet> DrawnPlates::glyphs_;
 
-TEST(PlateTexts, AreOfTheirCountry) {
+TEST(PlateTexts, MatchFormatsOfTheirCountry) {
   const std::map<PlateKind, std::string> forms{
       {PlateKind::kSpain, "[0-9]{4} [BCDFGHJKLMNPRSTVWXYZ]{3}"},
       {PlateKind::kBrazil, "[A-Z]{3} [0-9]{4}|[A-Z]{3} ?[0-9][A-Z][0-9]{2}"},
@@ -60,7 +60,7 @@ TEST(PlateTexts, AreOfTheirCountry) {
   EXPECT_THROW((void)plate_text(PlateKind::kSpain, "12?4", false, rng), std::invalid_argument);
 }
 
-TEST_F(DrawnPlates, HaveTheirSizeAndTheirCharactersInOrder) {
+TEST_F(DrawnPlates, HaveExpectedSizeAndOrderedSymbols) {
   for (const PlateKind kind : kKinds) {
     Rng rng(11);
     for (int i = 0; i < 10; ++i) {
@@ -84,7 +84,7 @@ TEST_F(DrawnPlates, HaveTheirSizeAndTheirCharactersInOrder) {
   }
 }
 
-TEST_F(DrawnPlates, StandardSpanishPlateIsTheLawsGeometry) {
+TEST_F(DrawnPlates, SpanishPlateHasLegalGeometry) {
   PlateFaceOptions options;
   options.text = "8246DFG";
   options.random_style = false;
@@ -112,7 +112,7 @@ TEST_F(DrawnPlates, StandardSpanishPlateIsTheLawsGeometry) {
   EXPECT_GT(most, 190);
 }
 
-TEST_F(DrawnPlates, SeedsDecide) {
+TEST_F(DrawnPlates, DependOnSeed) {
   PlateFaceOptions options;
   options.kind = PlateKind::kEurope;
   Rng first(5);
@@ -136,7 +136,7 @@ TEST_F(DrawnPlates, InfraredOnesAreGreyAndBright) {
   EXPECT_GT(cv::mean(channels[0])[0], 110);
 }
 
-TEST(MadeUpTypefaces, HaveEverySymbolAtItsHeightAndTellThemApart) {
+TEST(StrokeTypefaces, HaveDistinctSymbolsOfCapHeight) {
   const auto glyphs = draw_glyphs(3, 25);
   ASSERT_EQ(glyphs->typefaces().size(), 25U);
   const auto shape_of = [](const cv::Mat& mask) {
@@ -160,7 +160,7 @@ TEST(MadeUpTypefaces, HaveEverySymbolAtItsHeightAndTellThemApart) {
   }
 }
 
-TEST(MadeUpTypefaces, AreOfTheirSeed) {
+TEST(StrokeTypefaces, DependOnSeed) {
   const auto one = draw_glyphs(5, 2);
   const auto same = draw_glyphs(5, 2);
   const auto other = draw_glyphs(6, 2);
@@ -169,7 +169,7 @@ TEST(MadeUpTypefaces, AreOfTheirSeed) {
   EXPECT_FALSE(is_same(five(one), five(other)));
 }
 
-TEST(MadeUpTypefaces, LetterWildPlatesWhoseTruthIsTheText) {
+TEST(StrokeTypefaces, RenderWildPlatesWithCorrectTruth) {
   const auto glyphs = draw_glyphs(1, 10);
   Rng rng(4);
   for (int i = 0; i < 60; ++i) {
@@ -198,7 +198,7 @@ class Streets : public DrawnPlates {
   }
 };
 
-TEST_F(Streets, TruthIsWhereThePlateIsDrawn) {
+TEST_F(Streets, TruthMatchesDrawnPlate) {
   StreetOptions options;
   options.seed = 4;
   for (std::uint64_t number = 0; number < 6; ++number) {
@@ -220,15 +220,15 @@ TEST_F(Streets, TruthIsWhereThePlateIsDrawn) {
   }
 }
 
-TEST_F(Streets, EveryCarOfADriveIsSeenAndTheParkedOneStays) {
+TEST_F(Streets, DriveShowsEveryCarAndKeepsParkedOne) {
   const Drive drive(small_drive());
   const std::vector<std::string> texts = drive.texts();
   ASSERT_EQ(texts.size(), 3U);
   EXPECT_EQ(std::set<std::string>(texts.begin(), texts.end()).size(), 3U);
   std::map<int, int> seen;
-  constexpr int kLooks = 48;
-  for (int i = 0; i < kLooks; ++i)
-    for (const StreetPlate& plate : drive.at(i * 12.0 / kLooks).plates)
+  constexpr int kFrames = 48;
+  for (int i = 0; i < kFrames; ++i)
+    for (const StreetPlate& plate : drive.at(i * 12.0 / kFrames).plates)
       seen[plate.id] += plate.visible;
   ASSERT_EQ(seen.size(), 3U);
   int longest = 0;
@@ -236,10 +236,10 @@ TEST_F(Streets, EveryCarOfADriveIsSeenAndTheParkedOneStays) {
     EXPECT_GT(count, 2) << id;
     longest = std::max(longest, count);
   }
-  EXPECT_GT(longest, kLooks / 2);
+  EXPECT_GT(longest, kFrames / 2);
 }
 
-TEST_F(Streets, TimeAndSeedDecide) {
+TEST_F(Streets, DependOnTimeAndSeed) {
   const Drive drive(small_drive());
   EXPECT_TRUE(is_same(drive.at(3.5).image, Drive(small_drive()).at(3.5).image));
   StreetOptions other = small_drive();
@@ -257,7 +257,7 @@ TEST_F(Streets, InfraredIsGreyAndDarkAroundThePlate) {
   EXPECT_LT(cv::mean(channels[0])[0], 80);
 }
 
-TEST_F(Streets, ImpossibleOptionsAreRefused) {
+TEST_F(Streets, RejectInvalidOptions) {
   StreetOptions options;
   options.cars = 0;
   EXPECT_THROW(options.check(), std::invalid_argument);
@@ -279,7 +279,7 @@ struct Painted {
   cv::Mat image{200, 600, CV_8UC3, cv::Scalar::all(250)};
   std::shared_ptr<const GlyphSet> glyphs = known_glyphs();
   Rng rng;
-  PlateLook look;
+  PlateStyle style;
 
   explicit Painted(std::uint64_t seed) : rng(seed) {}
   [[nodiscard]] PlatePainter painter() { return {image, 1.0, *glyphs, rng}; }
@@ -293,10 +293,10 @@ struct Painted {
   }
 };
 
-TEST(PlateOrnaments, CrestsStayWhereTheyArePainted) {
+TEST(PlateOrnaments, CrestsStayWithinTheirRadius) {
   for (std::uint64_t seed = 1; seed <= 30; ++seed) {
     Painted painted(seed);
-    crest(painted.painter(), painted.look, 300, 100, 30);
+    crest(painted.painter(), painted.style, 300, 100, 30);
     const cv::Rect where = painted.changed();
     EXPECT_GT(where.area(), 400) << seed;
     EXPECT_EQ(where & cv::Rect(262, 62, 77, 77), where) << seed;
@@ -307,11 +307,11 @@ TEST(PlateOrnaments, GhostsAreFainterThanCrests) {
   double most = 0;
   double ghosts = 0;
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
-    Painted faint(seed);
-    ghost(faint.painter(), faint.look, 300, 100);
-    ghosts = std::max(ghosts, faint.strongest());
+    Painted faded(seed);
+    ghost(faded.painter(), faded.style, 300, 100);
+    ghosts = std::max(ghosts, faded.strongest());
     Painted full(seed);
-    crest(full.painter(), full.look, 300, 100, 30);
+    crest(full.painter(), full.style, 300, 100, 30);
     most = std::max(most, full.strongest());
   }
   EXPECT_GT(ghosts, 20);
@@ -319,14 +319,14 @@ TEST(PlateOrnaments, GhostsAreFainterThanCrests) {
   EXPECT_GT(most, 200);
 }
 
-TEST(PlateOrnaments, SymbolsBesideTheTextEndOrBeginWhereTold) {
+TEST(PlateOrnaments, SideSymbolsStartOrEndAtGivenPosition) {
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     for (const bool ends : {false, true}) {
       Painted painted(seed);
-      const double width = aside_symbols(painted.painter(), painted.look, 300, 100, ends);
+      const double width = side_symbols(painted.painter(), painted.style, 300, 100, ends);
       const cv::Rect where = painted.changed();
       EXPECT_GT(where.height, 15) << seed;
-      EXPECT_LT(where.height, 0.7 * painted.look.cap) << seed;
+      EXPECT_LT(where.height, 0.7 * painted.style.cap_height) << seed;
       const double middle = where.x + where.width / 2.0;
       EXPECT_EQ(middle < 300, ends) << seed;
       EXPECT_LT(std::abs(middle - 300), width) << seed;

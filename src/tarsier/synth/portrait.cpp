@@ -24,12 +24,12 @@ constexpr float kEyeY = -0.045F;
 constexpr float kMouthY = 0.178F;
 constexpr float kMouthHalf = 0.088F;
 
-float step_between(float low, float high, float x) {
+float smoothstep(float low, float high, float x) {
   const float t = std::clamp((x - low) / (high - low), 0.0F, 1.0F);
   return t * t * (3 - 2 * t);
 }
 // 1 inside (distance < 0), 0 outside, with an edge of width `soft`.
-float inside(float distance, float soft) { return 1 - step_between(-soft, soft, distance); }
+float inside(float distance, float soft) { return 1 - smoothstep(-soft, soft, distance); }
 float bell(float x, float y, float wide, float high) {
   const float squares = (x * x) / (wide * wide) + (y * y) / (high * high);
   return squares > 12 ? 0 : std::exp(-squares);  // below 1e-5 beyond this
@@ -86,7 +86,7 @@ float segment(float x, float y, float ax, float ay, float bx, float by) {
 // The outline: an egg shape, wider above, with a chin.
 float face_outline(float x, float y) {
   const float narrower =
-      1 - 0.20F * step_between(0.02F, 0.35F, y) - 0.03F * step_between(-0.1F, -0.35F, y);
+      1 - 0.20F * smoothstep(0.02F, 0.35F, y) - 0.03F * smoothstep(-0.1F, -0.35F, y);
   return ellipse(x / narrower, y, kHalfWidth, kHalfHeight) * 0.9F;
 }
 
@@ -166,7 +166,7 @@ void Painter::paint_body(Sample& s, float x, float y) const {
   const float neck = std::max(std::abs(x) - 0.118F - 0.25F * std::max(0.0F, y - 0.42F), 0.2F - y);
   const float neck_in = inside(neck, pixel_);
   if (neck_in > 0) {
-    const float under = 1 - 0.45F * step_between(0.47F, 0.34F, y);
+    const float under = 1 - 0.45F * smoothstep(0.47F, 0.34F, y);
     const Color tone = palette_.skin * (under * shade(x * 4.5F, 0.35F));
     s.color = mix(s.color, tone, neck_in);
     s.skin = s.skin * (1 - neck_in) + neck_in;
@@ -207,7 +207,7 @@ void Painter::paint_hair(Sample& s, float x, float y, bool behind) const {
   } else {
     // From the parting on the right the hair runs to both sides; temples are covered.
     const float line =
-        -0.262F + 0.05F * step_between(0.06F, -0.2F, x) * 0.6F +
+        -0.262F + 0.05F * smoothstep(0.06F, -0.2F, x) * 0.6F +
         1.5F * std::max(0.0F, std::abs(x) - 0.13F) * std::max(0.0F, std::abs(x) - 0.13F) * 9.0F +
         0.010F * wave;
     const float front = std::max(y - line, ellipse(x, y + 0.075F, 0.27F, 0.332F));
@@ -237,7 +237,7 @@ void Painter::paint_eye(Sample& s, float x, float y, float side) const {
   const float lower = tilt + 0.0155F * span * (0.4F + 0.6F * open) + 0.001F;
   const float crease = upper - 0.013F;
   s.color *= 1 - 0.30F * inside(std::abs(v - crease) - 0.0016F, pixel_ + 0.0016F) *
-                     step_between(0.062F, 0.03F, std::abs(u));
+                     smoothstep(0.062F, 0.03F, std::abs(u));
   const float eyeball = inside(std::max({std::abs(u) - 0.047F, upper - v, v - lower}), pixel_);
   if (eyeball > 0) {
     const float round = u * u / (0.05F * 0.05F);
@@ -249,7 +249,7 @@ void Painter::paint_eye(Sample& s, float x, float y, float side) const {
     const float iris = inside(d - 0.0215F, pixel_);
     ball =
         mix(ball, palette_.iris * rays * (1.15F - 0.3F * inside(v - upper - 0.012F, 0.008F)), iris);
-    ball = mix(ball, palette_.iris * 0.3F, iris * step_between(0.0175F, 0.0215F, d));
+    ball = mix(ball, palette_.iris * 0.3F, iris * smoothstep(0.0175F, 0.0215F, d));
     ball = mix(ball, rgb(14, 12, 12), inside(d - 0.0095F, pixel_));
     ball = mix(ball, rgb(255, 255, 255),
                inside(std::hypot(u * side + 0.009F, v + 0.011F) - 0.0045F, pixel_));
@@ -258,7 +258,7 @@ void Painter::paint_eye(Sample& s, float x, float y, float side) const {
     cover(s, ball, eyeball);
   }
   // Lashes above, a finer line below.
-  const float within = step_between(0.054F, 0.044F, std::abs(u));
+  const float within = smoothstep(0.054F, 0.044F, std::abs(u));
   cover(s, rgb(38, 26, 22),
         0.92F * within *
             inside(std::abs(v - upper) - 0.0028F - 0.03F * std::max(u, 0.0F) * 0.05F, pixel_));
@@ -319,7 +319,7 @@ void Painter::paint_head(Sample& s, float x, float y, float outline, float face)
   light *= 1 - 0.28F * inside(y + 0.235F, 0.035F);
   light *= 1 - 0.12F * (bell(x - 0.035F, y + 0.04F, 0.016F, 0.035F) +
                         bell(x + 0.035F, y + 0.04F, 0.016F, 0.035F));
-  light *= 1 - 0.30F * step_between(-0.030F, 0.0F, outline);
+  light *= 1 - 0.30F * smoothstep(-0.030F, 0.0F, outline);
   // Skin is not uniform: red cheeks and nose, and fine grain.
   Color tone = mix(palette_.skin, rgb(214, 104, 92),
                    0.20F * (bell(x - 0.125F, y - 0.085F, 0.06F, 0.045F) +
@@ -342,8 +342,7 @@ void Painter::paint_head(Sample& s, float x, float y, float outline, float face)
                0.0025F + pixel_);
     cover(s, palette_.skin * 0.28F, 0.85F * nostril);
     const float wing = std::abs(std::hypot(x - side * 0.036F, y - 0.094F) - 0.0165F);
-    const float behind_wing =
-        step_between(0.030F, 0.046F, x * side) * step_between(0.070F, 0.085F, y);
+    const float behind_wing = smoothstep(0.030F, 0.046F, x * side) * smoothstep(0.070F, 0.085F, y);
     s.color *= 1 - 0.28F * behind_wing * inside(wing - 0.0015F, 0.004F) *
                        inside(std::abs(y - 0.094F) - 0.018F, 0.01F);
   }
@@ -364,7 +363,7 @@ void Painter::paint_head(Sample& s, float x, float y, float outline, float face)
       cover(s, lip, lips);
     }
     const float parting = inside(std::abs(v) - 0.0022F * (0.4F + span), pixel_ + 0.0008F) *
-                          step_between(1.06F, 0.98F, std::abs(m));
+                          smoothstep(1.06F, 0.98F, std::abs(m));
     cover(s, rgb(84, 26, 28), 0.85F * parting);
     const float dimple = bell(std::abs(x) - kMouthHalf - 0.006F, v + 0.002F, 0.010F, 0.014F);
     s.color *= 1 - 0.22F * dimple;

@@ -28,8 +28,8 @@ float vase_radius(float y) {
   // Foot, belly, neck and lip of a vase 1.5 high.
   const float off = std::clamp((y - 0.55F) * (y - 0.55F) / 0.64F, 0.0F, 1.0F);
   const float belly = 0.36F * (1 - off) * (1 - off) * (1 - off) * (1 - off);
-  const float lip = 0.10F * step_between(1.2F, 1.5F, y);
-  const float foot = 0.09F * (1 - step_between(0.0F, 0.16F, y));
+  const float lip = 0.10F * smoothstep(1.2F, 1.5F, y);
+  const float foot = 0.09F * (1 - smoothstep(0.0F, 0.16F, y));
   return 0.13F + belly + lip + foot;
 }
 
@@ -77,7 +77,7 @@ float noise(Vec p) {
   return mix(mix(line(0, 0), line(1, 0), v), mix(line(0, 1), line(1, 1), v), w);
 }
 
-float rough(Vec p, int octaves) {
+float fractal_noise(Vec p, int octaves) {
   float sum = 0;
   float weight = 0.5F;
   for (int i = 0; i < octaves; ++i) {
@@ -89,14 +89,14 @@ float rough(Vec p, int octaves) {
 }
 
 float distance_to(const Object& object, Vec world) {
-  const Vec p = object.to_own(world);
+  const Vec p = object.to_local(world);
   switch (object.kind) {
     case Kind::kApple: {  // radius 0.5, its centre 0.46 above the table
       const Vec q{p.x, p.y - 0.46F, p.z};
       const float around = q.x * q.x + q.z * q.z;
       // Both ends fade out before they meet.
       const float dimple = around > 0.2F ? 0 : (q.y > 0 ? 0.13F : 0.07F) * std::exp(-around * 26);
-      const float taper = 0.05F * (0.46F - q.y) * step_between(0.0F, 0.6F, 0.46F - q.y);
+      const float taper = 0.05F * (0.46F - q.y) * smoothstep(0.0F, 0.6F, 0.46F - q.y);
       const float flesh = (length({q.x, q.y * 1.06F, q.z}) - 0.5F + dimple + taper) * 0.8F;
       if (q.y < 0.2F) return flesh;
       return std::min(flesh, capsule(q, {0, 0.3F, 0}, {0.06F, 0.56F, 0.02F}, 0.018F));
@@ -130,7 +130,7 @@ float distance_to(const Object& object, Vec world) {
     case Kind::kBook:
       return rounded_box(p, {0.72F, object.height - 0.02F, 0.5F}, 0.02F);
     default:
-      return kFar;
+      return kNoHit;
   }
 }
 
@@ -146,7 +146,7 @@ bool cut_cylinder(const Object& object, const Ray& ray, float& enter, float& lea
   }
   const float a = ray.direction.x * ray.direction.x + ray.direction.z * ray.direction.z;
   const float b = from.x * ray.direction.x + from.z * ray.direction.z;
-  const float c = from.x * from.x + from.z * from.z - object.girth * object.girth;
+  const float c = from.x * from.x + from.z * from.z - object.bound_radius * object.bound_radius;
   if (a > 1e-6F) {
     const float disc = b * b - a * c;
     if (disc < 0) return false;

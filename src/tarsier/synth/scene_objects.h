@@ -26,7 +26,7 @@ inline float length(Vec a) { return std::sqrt(dot(a, a)); }
 inline Vec unit(Vec a) { return a * (1 / length(a)); }
 inline Vec mix(Vec a, Vec b, float t) { return a + (b - a) * t; }
 inline float mix(float a, float b, float t) { return a + (b - a) * t; }
-inline float step_between(float low, float high, float x) {
+inline float smoothstep(float low, float high, float x) {
   const float t = std::clamp((x - low) / (high - low), 0.0F, 1.0F);
   return t * t * (3 - 2 * t);
 }
@@ -41,10 +41,10 @@ float hash(int x, int y, int z);
 // Smooth noise in [0, 1] with features of size 1.
 float noise(Vec p);
 // A sum of octaves of noise; each has half the amplitude and twice the frequency of the one before.
-float rough(Vec p, int octaves);
+float fractal_noise(Vec p, int octaves);
 
 constexpr float kWall = 2.6F;
-constexpr float kFar = 1e9F;
+constexpr float kNoHit = 1e9F;
 
 enum class Kind {
   kTable,
@@ -73,16 +73,16 @@ struct Object {
   Vec axis_w;
   float height = 0;        // book: half thickness
   float shade_radius = 0;  // range in which it darkens its neighbourhood
-  // A kind with a distance function lies within `girth` of its axis and between the heights `low`
+  // A kind with a distance function lies within `bound_radius` of its axis and between the heights `low`
   // and `high` above `base`.
-  float girth = 0;
+  float bound_radius = 0;
   float low = 0;
   float high = 0;
 
   [[nodiscard]] bool is_sphere() const {
     return kind == Kind::kOrange || kind == Kind::kGrape || kind == Kind::kBall;
   }
-  [[nodiscard]] Vec to_own(Vec p) const {
+  [[nodiscard]] Vec to_local(Vec p) const {
     const Vec q = p - base;
     return {turn_cos * q.x + turn_sin * q.z, q.y, -turn_sin * q.x + turn_cos * q.z};
   }
@@ -97,7 +97,7 @@ struct Ray {
 };
 
 struct Hit {
-  float t = kFar;
+  float t = kNoHit;
   const Object* object = nullptr;  // null: table or wall
   Kind kind = Kind::kPlaster;
   Vec normal;

@@ -173,7 +173,7 @@ Hit Scene::nearest(const Ray& ray) const {
 }
 
 // Visible share of the area lamp, 0..1.
-float Scene::sun(Vec p, Vec normal, const Object* self) const {
+float Scene::light_visibility(Vec p, Vec normal, const Object* self) const {
   float seen = 1;
   const Vec from = p + normal * 0.012F;
   for (const Group& group : groups_) {
@@ -184,7 +184,7 @@ float Scene::sun(Vec p, Vec normal, const Object* self) const {
         group.radius + kSpread * (group_along + group.radius + 0.05F) + 0.004F;
     if (dot(to_group, to_group) - group_along * group_along > group_reach * group_reach) continue;
     for (std::size_t i = group.begin; i < group.end; ++i) {
-      seen *= past_object(objects_[i], from, self);
+      seen *= light_transmission(objects_[i], from, self);
       if (seen < 0.004F) return 0;
     }
   }
@@ -192,7 +192,7 @@ float Scene::sun(Vec p, Vec normal, const Object* self) const {
 }
 
 // Visible share of the lamp past one object.
-float Scene::past_object(const Object& object, Vec from, const Object* self) const {
+float Scene::light_transmission(const Object& object, Vec from, const Object* self) const {
   const Vec to = object.center - from;
   const float along = dot(to, to_light_);
   if (along < -object.radius) return 1;
@@ -203,30 +203,30 @@ float Scene::past_object(const Object& object, Vec from, const Object* self) con
   const float gap = std::sqrt(std::max(gap2, 0.0F));
   if (object.is_sphere() || object.kind == Kind::kLeaf) {
     if (&object == self || along <= 0) return 1;
-    if (object.is_sphere()) return step_between(object.radius - width, object.radius + width, gap);
+    if (object.is_sphere()) return smoothstep(object.radius - width, object.radius + width, gap);
     const float size = 0.12F;  // thinner than its bounding sphere
-    return 1 - 0.6F * (1 - step_between(size - width, size + width, gap));
+    return 1 - 0.6F * (1 - smoothstep(size - width, size + width, gap));
   }
   // The penumbra extends beyond the object itself.
   Object wider = object;
-  wider.girth += width;
+  wider.bound_radius += width;
   wider.low -= width;
   wider.high += width;
   float enter = std::max(0.015F, along - object.radius);
   float end = along + object.radius;
   if (!cut_cylinder(wider, {from, to_light_}, enter, end)) return 1;
   float t = enter;
-  float least = 1;
-  for (int step = 0; step < 22 && t < end && least > -1; ++step) {
+  float min_clearance = 1;
+  for (int step = 0; step < 22 && t < end && min_clearance > -1; ++step) {
     const float distance = distance_to(object, from + to_light_ * t);
-    least = std::min(least, distance / (kSpread * t + 0.004F));
+    min_clearance = std::min(min_clearance, distance / (kSpread * t + 0.004F));
     t += std::clamp(std::abs(distance), 0.02F, 0.25F);
   }
-  return step_between(-1, 1, least);
+  return smoothstep(-1, 1, min_clearance);
 }
 
 // Visible share of the surroundings: nearby objects darken.
-float Scene::openness(Vec p, Vec normal, const Object* self) const {
+float Scene::ambient_visibility(Vec p, Vec normal, const Object* self) const {
   float open = 1;
   for (const Object& object : objects_) {
     if (&object == self) continue;
@@ -238,12 +238,12 @@ float Scene::openness(Vec p, Vec normal, const Object* self) const {
     const float facing = std::clamp(dot(normal, to) / distance * 0.8F + 0.2F, 0.0F, 1.0F);
     open *= 1 - 0.75F * facing * std::min(1.0F, r * r / distance2);
   }
-  if (self != nullptr) open *= mix(0.55F, 1, step_between(-0.2F, 0.5F, p.y + 0.3F * normal.y));
+  if (self != nullptr) open *= mix(0.55F, 1, smoothstep(-0.2F, 0.5F, p.y + 0.3F * normal.y));
   return std::max(open, 0.12F);
 }
 
 // Environment for reflections: a room with a window of four panes on the left.
-Vec Scene::surroundings(Vec d, float focus) const {
+Vec Scene::environment(Vec d, float focus) const {
   const float up = 0.5F + 0.5F * d.y;
   Vec room = mix(kFloorGlow, kCeilingGlow, up) * 0.8F;
   const Vec side = unit(cross(to_light_, {0, 1, 0}));
@@ -254,7 +254,7 @@ Vec Scene::surroundings(Vec d, float focus) const {
     const float v = dot(d, top) / facing;
     const float soft = mix(0.30F, 0.03F, focus);
     const auto inside = [soft](float x, float half) {
-      return 1 - step_between(half - soft, half + soft, std::abs(x));
+      return 1 - smoothstep(half - soft, half + soft, std::abs(x));
     };
     const float panes = inside(u, 0.34F) * inside(v, 0.42F);
     const float bars = focus * std::max(inside(u, 0.02F), inside(v, 0.02F)) * 0.8F;
@@ -266,21 +266,21 @@ Vec Scene::surroundings(Vec d, float focus) const {
 // Light that leaves `p` by diffuse reflection.
 Vec Scene::light_on(const Hit& hit, Vec p, Vec normal, const Surface& surface) const {
   const float facing = std::max(0.0F, dot(normal, to_light_));
-  float direct = facing > 0 ? facing * sun(p, normal, hit.object) : 0;
+  float direct = facing > 0 ? facing * light_visibility(p, normal, hit.object) : 0;
   if (hit.kind == Kind::kPlaster) {
     // Window bars and a tree outside make the light on the wall uneven.
     const float u = p.x + 0.55F * p.y;
     const float v = p.y - 0.1F * p.x;
     const auto edge = [](float x, float low, float high) {
-      return step_between(low - 0.09F, low + 0.09F, x) *
-             (1 - step_between(high - 0.09F, high + 0.09F, x));
+      return smoothstep(low - 0.09F, low + 0.09F, x) *
+             (1 - smoothstep(high - 0.09F, high + 0.09F, x));
     };
     const float window = edge(u, -1.3F, 0.45F) + edge(u, 0.62F, 2.4F);
     const float rows = edge(v, 0.2F, 1.45F) + edge(v, 1.6F, 3.2F);
-    const float tree = step_between(0.30F, 0.62F, rough(p * 1.6F + Vec{5, 0, 0}, 3));
+    const float tree = smoothstep(0.30F, 0.62F, fractal_noise(p * 1.6F + Vec{5, 0, 0}, 3));
     direct *= 0.35F + 0.65F * window * rows * (0.45F + 0.55F * tree);
   }
-  const float open = openness(p, normal, hit.object);
+  const float open = ambient_visibility(p, normal, hit.object);
   const Vec sky = mix(kFloorLight, kSkyLight, 0.5F + 0.5F * normal.y) * 0.52F;
   // The lit table reflects warm light up to the objects.
   const Vec bounce = wood_ * (0.55F * std::max(0.0F, -normal.y * 0.7F + 0.3F));
@@ -312,10 +312,10 @@ Vec Scene::trace(const Ray& ray, int& id) const {
       Vec other_normal = other.normal;
       const Surface other_surface = surface(other, q, other_normal);
       const Vec reflected = light_on(other, q, other_normal, other_surface);
-      const float blur = hit.kind == Kind::kTable ? 1 - step_between(0.0F, 1.2F, other.t) : 1;
-      seen = mix(surroundings(mirrored, s.focus) * 0.5F, reflected, blur);
+      const float blur = hit.kind == Kind::kTable ? 1 - smoothstep(0.0F, 1.2F, other.t) : 1;
+      seen = mix(environment(mirrored, s.focus) * 0.5F, reflected, blur);
     } else {
-      seen = surroundings(mirrored, s.focus) * openness(p, normal, hit.object);
+      seen = environment(mirrored, s.focus) * ambient_visibility(p, normal, hit.object);
     }
     color = color + seen * fresnel;
   }

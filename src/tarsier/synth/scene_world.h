@@ -32,17 +32,17 @@ class Scene {
  private:
   [[nodiscard]] Hit nearest(const Ray& ray) const;
   [[nodiscard]] Surface surface(const Hit& hit, Vec p, Vec& normal) const;
-  [[nodiscard]] float sun(Vec p, Vec normal, const Object* self) const;
-  [[nodiscard]] float past_object(const Object& object, Vec from, const Object* self) const;
-  [[nodiscard]] float openness(Vec p, Vec normal, const Object* self) const;
-  [[nodiscard]] Vec surroundings(Vec direction, float focus) const;
+  [[nodiscard]] float light_visibility(Vec p, Vec normal, const Object* self) const;
+  [[nodiscard]] float light_transmission(const Object& object, Vec from, const Object* self) const;
+  [[nodiscard]] float ambient_visibility(Vec p, Vec normal, const Object* self) const;
+  [[nodiscard]] Vec environment(Vec direction, float focus) const;
   [[nodiscard]] Vec light_on(const Hit& hit, Vec p, Vec normal, const Surface& surface) const;
 
   Object& add(Kind kind, Vec base, Vec center, float radius, float turn, Vec color);
   void add_sphere(Kind kind, Vec center, float radius, Vec color, float turn = 0);
 
-  static void set_bounds(Object& object, float girth, float low, float high) {
-    object.girth = girth;
+  static void set_bounds(Object& object, float bound_radius, float low, float high) {
+    object.bound_radius = bound_radius;
     object.low = low;
     object.high = high;
   }

@@ -92,7 +92,7 @@ bool parse_street(std::string_view key, std::string_view value, Settings& settin
   } else if (settings.image == Image::kDrive && key == "parked") {
     is_good = parse_number(value, street.parked) && street.parked >= 0 && street.parked <= 3;
   } else if (settings.image == Image::kDrive && key == "far") {
-    is_good = parse_number(value, street.far) && street.far >= 0 && street.far <= 3;
+    is_good = parse_number(value, street.distant) && street.distant >= 0 && street.distant <= 3;
   } else {
     return false;
   }
@@ -192,7 +192,7 @@ Settings parse_settings(std::string_view text, const SourceOptions& options) {
     settings.frames =
         std::max<std::int64_t>(1, std::llround(settings.street.seconds * settings.fps));
   if (!has_frames && settings.live) settings.frames = 0;
-  if (settings.street.parked + settings.street.far > settings.street.cars)
+  if (settings.street.parked + settings.street.distant > settings.street.cars)
     refuse("more cars are parked or far than there are");
   settings.street.size = settings.size;
   settings.street.seed = settings.seed;

@@ -25,8 +25,10 @@ struct Camera {
   double focal;  // px
   cv::Point2d centre;
 
-  explicit Camera(cv::Size given)
-      : size(given), focal(0.86 * given.width), centre(given.width / 2.0, given.height * 0.42) {}
+  explicit Camera(cv::Size image_size)
+      : size(image_size),
+        focal(0.86 * image_size.width),
+        centre(image_size.width / 2.0, image_size.height * 0.42) {}
 
   [[nodiscard]] cv::Point2f project(double x, double y, double z) const {
     return {static_cast<float>(centre.x + focal * x / z),
@@ -300,15 +302,15 @@ StreetImage compose(const cv::Mat& background, const Camera& camera, StreetLight
 void StreetOptions::check() const {
   check_fields(*this);
   TARSIER_REQUIRE(!kinds.empty(), "no kind of plate");
-  TARSIER_REQUIRE(cars >= 1 && cars <= 60 && parked >= 0 && far >= 0 && parked <= 3 && far <= 3 &&
-                      parked + far <= cars,
-                  "{} cars, {} parked, {} far", cars, parked, far);
+  TARSIER_REQUIRE(cars >= 1 && cars <= 60 && parked >= 0 && distant >= 0 && parked <= 3 &&
+                      distant <= 3 && parked + distant <= cars,
+                  "{} cars, {} parked, {} far", cars, parked, distant);
 }
 
 // --- a drive ---
 
 struct Drive::Parts {
-  enum class Role { kParked, kFar, kComing, kGoing };
+  enum class Role { kParked, kDistant, kApproaching, kReceding };
   struct Car {
     Role role;
     CarSprite sprite;
@@ -321,7 +323,8 @@ struct Drive::Parts {
   cv::Mat background;
   std::vector<Car> cars;
 
-  explicit Parts(const StreetOptions& given) : options(given), camera(given.size) {}
+  explicit Parts(const StreetOptions& street_options)
+      : options(street_options), camera(street_options.size) {}
 
   // Sets the position of a car; returns whether it is on the street.
   [[nodiscard]] bool place(const Car& car, double time, Pose& pose) const {
@@ -331,17 +334,17 @@ struct Drive::Parts {
     switch (car.role) {
       case Role::kParked:
         return true;
-      case Role::kFar: {  // arrives, waits, and returns
+      case Role::kDistant: {  // arrives, waits, and returns
         const double stay = options.seconds * 0.3;
-        const double away = (kHorizon - car.pose.z) / car.speed;
-        const double gone = t < 0 ? -t : t > stay ? t - stay : 0;
-        pose.z += car.speed * std::min(gone, away);
-        return gone < away;
+        const double horizon_distance = (kHorizon - car.pose.z) / car.speed;
+        const double travelled = t < 0 ? -t : t > stay ? t - stay : 0;
+        pose.z += car.speed * std::min(travelled, horizon_distance);
+        return travelled < horizon_distance;
       }
-      case Role::kComing:
+      case Role::kApproaching:
         pose.z = kHorizon - car.speed * t;
         return t > 0 && pose.z > 1.2;
-      case Role::kGoing:
+      case Role::kReceding:
         pose.z = 1.2 + car.speed * t;
         return t > 0 && pose.z < kHorizon;
     }
@@ -356,7 +359,7 @@ Drive::Drive(const StreetOptions& options) {
   auto parts = std::make_unique<Parts>(options);
   Rng scenery = base.fork(1);
   parts->background = draw_background(parts->camera, options.light, scenery);
-  const int passing = options.cars - options.parked - options.far;
+  const int passing = options.cars - options.parked - options.distant;
   for (int i = 0; i < options.cars; ++i) {
     Rng rng = base.fork(static_cast<std::uint64_t>(i) + 10);
     const PlateKind kind = options.kinds[static_cast<std::size_t>(
@@ -366,23 +369,23 @@ Drive::Drive(const StreetOptions& options) {
     if (i < options.parked) {
       car.role = Parts::Role::kParked;
       car.pose = {3.7 + 0.2 * i, 7.6 + 4.2 * i, -0.12};
-    } else if (i < options.parked + options.far) {
+    } else if (i < options.parked + options.distant) {
       const int number = i - options.parked;
-      car.role = Parts::Role::kFar;
+      car.role = Parts::Role::kDistant;
       car.pose = {-4.6 - 0.3 * number,
                   parts->camera.focal * 0.52 / (50.0 * options.size.width / 1280) + 2.5 * number,
                   0.08};
       car.start = options.seconds * (0.3 + 0.2 * number);
       car.speed = 6;
     } else {
-      const int number = i - options.parked - options.far;
-      car.role = number % 2 == 0 ? Parts::Role::kComing : Parts::Role::kGoing;
+      const int number = i - options.parked - options.distant;
+      car.role = number % 2 == 0 ? Parts::Role::kApproaching : Parts::Role::kReceding;
       car.speed = rng.uniform(5, 8);
-      car.pose.x = car.role == Parts::Role::kComing ? -1.75 : 1.35;
+      car.pose.x = car.role == Parts::Role::kApproaching ? -1.75 : 1.35;
       car.pose.yaw = rng.normal(0, 0.05);
       // The times of passing are evenly spread.
       const double near = options.seconds * (number + 0.6) / (passing + 0.2);
-      car.start = near - (car.role == Parts::Role::kComing ? 86 / car.speed : 2 / car.speed);
+      car.start = near - (car.role == Parts::Role::kApproaching ? 86 / car.speed : 2 / car.speed);
     }
     parts->cars.push_back(std::move(car));
   }
@@ -394,13 +397,14 @@ Drive::Drive(Drive&&) noexcept = default;
 Drive& Drive::operator=(Drive&&) noexcept = default;
 
 StreetImage Drive::at(double time) const {
-  std::vector<std::pair<const CarSprite*, std::pair<int, Pose>>> there;
+  std::vector<std::pair<const CarSprite*, std::pair<int, Pose>>> visible_cars;
   for (std::size_t i = 0; i < parts_->cars.size(); ++i) {
     Pose pose;
     if (parts_->place(parts_->cars[i], time, pose))
-      there.push_back({&parts_->cars[i].sprite, {static_cast<int>(i) + 1, pose}});
+      visible_cars.push_back({&parts_->cars[i].sprite, {static_cast<int>(i) + 1, pose}});
   }
-  return compose(parts_->background, parts_->camera, parts_->options.light, std::move(there));
+  return compose(parts_->background, parts_->camera, parts_->options.light,
+                 std::move(visible_cars));
 }
 
 std::vector<std::string> Drive::texts() const {
@@ -413,13 +417,13 @@ std::vector<std::string> Drive::texts() const {
 
 namespace {
 
-std::shared_ptr<const GlyphSet> usual_glyphs() {
+std::shared_ptr<const GlyphSet> installed_glyphs() {
   static const std::shared_ptr<const GlyphSet> glyphs = load_glyphs();
   return glyphs;
 }
 
 // The typefaces of the last seed are cached.
-std::shared_ptr<const GlyphSet> made_up_glyphs(std::uint64_t seed) {
+std::shared_ptr<const GlyphSet> drawn_glyphs(std::uint64_t seed) {
   constexpr int kTypefaces = 60;
   static std::mutex mutex;
   static std::uint64_t last = 0;
@@ -437,7 +441,7 @@ std::shared_ptr<const GlyphSet> made_up_glyphs(std::uint64_t seed) {
 StreetImage render_car(const StreetOptions& options, std::uint64_t number) {
   options.check();
   const std::shared_ptr<const GlyphSet> glyphs =
-      options.wild ? made_up_glyphs(options.seed) : usual_glyphs();
+      options.wild ? drawn_glyphs(options.seed) : installed_glyphs();
   Rng rng = Rng(options.seed).fork(number + 1000);
   const Camera camera(options.size);
   const cv::Mat background = draw_background(camera, options.light, rng);
@@ -452,19 +456,19 @@ StreetImage render_car(const StreetOptions& options, std::uint64_t number) {
     sprites.push_back(
         draw_car(*glyphs, options.light, kind, any_text(kind, rng), rng, options.wild));
     Pose pose;
-    pose.z = nearest * std::pow(options.farthest, rng.uniform());
+    pose.z = nearest * std::pow(options.max_distance_ratio, rng.uniform());
     const double reach = pose.z * options.size.width / camera.focal / 2 - 1.1;
     pose.x = count == 1 ? rng.uniform(-0.8, 0.8) * std::max(0.1, reach)
                         : (i == 0 ? -1 : 1) * rng.uniform(1.0, std::max(1.05, reach));
     pose.yaw = std::clamp(rng.normal(0, 0.25), -0.6, 0.6);
     poses.push_back(pose);
   }
-  std::vector<std::pair<const CarSprite*, std::pair<int, Pose>>> there;
+  std::vector<std::pair<const CarSprite*, std::pair<int, Pose>>> visible_cars;
   for (int i = 0; i < count; ++i) {
     const auto k = static_cast<std::size_t>(i);
-    there.push_back({&sprites[k], {i + 1, poses[k]}});
+    visible_cars.push_back({&sprites[k], {i + 1, poses[k]}});
   }
-  return compose(background, camera, options.light, std::move(there));
+  return compose(background, camera, options.light, std::move(visible_cars));
 }
 
 }  // namespace tarsier::synth

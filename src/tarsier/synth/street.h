@@ -27,17 +27,17 @@ struct StreetOptions {
   // For render_car(): plates of PlateFaceOptions::wild, in 60 random typefaces made from the seed.
   bool wild = false;
   // For render_car(): maximum distance of the cars, relative to the nearest possible distance.
-  double farthest = 2.9;
+  double max_distance_ratio = 2.9;
   std::uint64_t seed = 1;
   double seconds = 60;  // of a drive
   int cars = 6;         // total of a drive
   int parked = 1;       // of these, always in view
-  int far = 1;          // of these, never near
+  int distant = 1;      // of these, never near
 
   [[nodiscard]] OptionFields fields() {
     return {{"size.width", size.width, range(64, 8192)},
             {"size.height", size.height, range(48, 8192)},
-            {"farthest", farthest, range(1, 100), "--far",
+            {"farthest", max_distance_ratio, range(1, 100), "--far",
              "maximum distance of the cars, in multiples of the minimum"},
             {"seconds", seconds, above(0, 86400)}};
   }

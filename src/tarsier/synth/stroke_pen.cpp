@@ -11,20 +11,20 @@
 namespace tarsier::synth {
 namespace {
 
-constexpr int kOver = 2;  // oversampling factor
-constexpr double kHigh = kOver * GlyphSet::kCapHeight;
+constexpr int kOversampling = 2;  // oversampling factor
+constexpr double kHeight = kOversampling * GlyphSet::kCapHeight;
 
 }  // namespace
 
-StrokePen::StrokePen(const Hand& hand, double width)
-    : hand_(hand),
-      canvas_(cvRound(kHigh), cvRound(kHigh * width), CV_8UC1, cv::Scalar(0)),
-      half_x_(hand.upright * kHigh / 2),
-      half_y_(hand.level * kHigh / 2),
+StrokePen::StrokePen(const StrokeStyle& style, double width)
+    : style_(style),
+      canvas_(cvRound(kHeight), cvRound(kHeight * width), CV_8UC1, cv::Scalar(0)),
+      half_x_(style.stem_width * kHeight / 2),
+      half_y_(style.bar_width * kHeight / 2),
       box_(canvas_.cols - 2 * half_x_, canvas_.rows - 2 * half_y_) {
   // Bowls have the same roundness in wide and narrow symbols.
-  const double base = (hand.width - hand.upright) * kHigh;
-  radius_ = {hand.round * base, hand.round * base * hand.tall};
+  const double base = (style.width - style.stem_width) * kHeight;
+  radius_ = {style.round * base, style.round * base * style.bowl_aspect};
 }
 
 void StrokePen::bridge(double at) {
@@ -40,15 +40,15 @@ void StrokePen::slit(const Vertex& from, const Vertex& to) {
 
 cv::Mat StrokePen::finished() const {
   cv::Mat soft;
-  const int border = 8 * kOver;
+  const int border = 8 * kOversampling;
   cv::copyMakeBorder(canvas_, soft, border, border, border, border, cv::BORDER_CONSTANT,
                      cv::Scalar(0));
   // Paint rounds sharp corners: a blur, and its middle grey as the outline.
-  if (hand_.soft > 1) {
-    cv::GaussianBlur(soft, soft, {}, hand_.soft * kOver / 2);
+  if (style_.blur_px > 1) {
+    cv::GaussianBlur(soft, soft, {}, style_.blur_px * kOversampling / 2);
     soft.convertTo(soft, -1, 4, -4 * 127.5 + 127.5);
   }
-  cv::resize(soft, soft, {}, 1.0 / kOver, 1.0 / kOver, cv::INTER_AREA);
+  cv::resize(soft, soft, {}, 1.0 / kOversampling, 1.0 / kOversampling, cv::INTER_AREA);
   cv::Mat points;
   cv::findNonZero(soft > 60, points);
   return points.empty() ? cv::Mat() : soft(cv::boundingRect(points)).clone();
@@ -78,7 +78,7 @@ std::vector<StrokePen::Point> StrokePen::curved(const std::vector<Vertex>& path,
     const cv::Point2d a = reach((i + n - 1) % n);
     const cv::Point2d b = reach((i + 1) % n);
     constexpr int kSteps = 12;
-    const double power = 2 / hand_.power;
+    const double power = 2 / style_.power;
     for (int k = 0; k <= kSteps; ++k) {
       const double t = k * CV_PI / 2 / kSteps;
       const double c = std::pow(std::max(0.0, std::cos(t)), power);
@@ -107,7 +107,7 @@ cv::Point2d StrokePen::across(cv::Point2d d) const {
 }
 
 cv::Point2d StrokePen::end_of(cv::Point2d p, cv::Point2d d) const {
-  if (hand_.round_ends) return {0, 0};
+  if (style_.round_ends) return {0, 0};
   const double half = half_x_ * std::abs(d.x) + half_y_ * std::abs(d.y);
   const bool slants = std::abs(d.x) > 0.05 && std::abs(d.y) > 0.05;
   const bool at_edge = p.y < half_y_ + 1 || p.y > canvas_.rows - half_y_ - 1;
@@ -118,7 +118,7 @@ void StrokePen::join(const Point& point, cv::Point2d d, cv::Point2d next) {
   const double length = cv::norm(next - point.at);
   if (length < 1e-6) return;
   const cv::Point2d e = (next - point.at) / length;
-  if (point.bend || hand_.round_joins || d.dot(e) > 0.97) {
+  if (point.bend || style_.round_joins || d.dot(e) > 0.97) {
     dot(point.at);
     return;
   }
@@ -150,7 +150,7 @@ void StrokePen::trace(const std::vector<Vertex>& path, bool closed) {
     fill({a + o, b + o, b - o, a - o});
     if (closed || i + 1 < edges) join(points[(i + 1) % n], d, points[(i + 2) % n].at);
   }
-  if (hand_.round_ends && !closed) {
+  if (style_.round_ends && !closed) {
     dot(points.front().at);
     dot(points.back().at);
   }

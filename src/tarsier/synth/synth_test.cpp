@@ -30,7 +30,7 @@ cv::Mat through_jpeg(const cv::Mat& image, int quality) {
   return cv::imdecode(bytes, cv::IMREAD_COLOR);
 }
 
-TEST(SynthClock, IsReadThroughJpegNoiseAndResizing) {
+TEST(SynthClock, IsReadableAfterJpegNoiseAndResizing) {
   const ClockReading reading{4'000'000'123U, 0x0000'a5a5'1234'5678LL};
   for (const cv::Size size :
        {cv::Size(64, 48), cv::Size(320, 240), cv::Size(641, 479), cv::Size(1920, 1080)}) {
@@ -48,7 +48,7 @@ TEST(SynthClock, IsReadThroughJpegNoiseAndResizing) {
   }
 }
 
-TEST(SynthClock, OtherImagesAreNone) {
+TEST(SynthClock, RejectsOtherImages) {
   EXPECT_FALSE(decode_clock(render_bars({320, 240})).has_value());
   EXPECT_FALSE(decode_clock(cv::Mat(240, 320, CV_8UC3, cv::Scalar::all(255))).has_value());
   EXPECT_FALSE(decode_clock(cv::Mat()).has_value());
@@ -57,7 +57,7 @@ TEST(SynthClock, OtherImagesAreNone) {
   EXPECT_FALSE(decode_clock(damaged).has_value());
 }
 
-TEST(SynthNoise, HasItsDeviationAndSeed) {
+TEST(SynthNoise, HasGivenDeviationAndSeed) {
   cv::Mat image(200, 200, CV_8UC3, cv::Scalar::all(128));
   cv::Mat same = image.clone();
   cv::Mat other = image.clone();
@@ -75,7 +75,7 @@ TEST(SynthNoise, HasItsDeviationAndSeed) {
   EXPECT_FALSE(is_same(image, other));
 }
 
-TEST(SynthScene, IsTheSameForAnyNumberOfThreadsAndMoves) {
+TEST(SynthScene, IsIndependentOfThreadsAndMoves) {
   const int threads = cv::getNumThreads();
   const cv::Mat image = render_scene({160, 120}, 1.5, 1);
   cv::setNumThreads(1);
@@ -85,7 +85,7 @@ TEST(SynthScene, IsTheSameForAnyNumberOfThreadsAndMoves) {
   EXPECT_FALSE(is_same(image, render_scene({160, 120}, 1.5, 2)));
 }
 
-TEST(SynthScene, LooksLikeAImage) {
+TEST(SynthScene, HasContrastAndEdgesOfAPhoto) {
   const cv::Mat image = render_scene({320, 240});
   cv::Mat gray;
   cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
@@ -110,7 +110,7 @@ TEST(SynthScene, LooksLikeAImage) {
   }
 }
 
-TEST(SynthPortrait, TruthIsWhereItSays) {
+TEST(SynthPortrait, TruthMatchesImage) {
   for (const double time : {0.0, 1.0, 2.2}) {
     for (const std::uint64_t seed : {1U, 2U, 5U}) {
       const Portrait portrait = render_portrait({640, 480}, time, seed);
@@ -179,7 +179,7 @@ TEST(SynthSource, IsDeterministic) {
   }
 }
 
-TEST(SynthSource, ALiveOneKeepsTimeAndDropsWhatNobodyTook) {
+TEST(SynthSource, LiveSourceKeepsTimeAndDropsUnreadFrames) {
   const auto source = open_synth_source("clock?size=64x48&fps=200&live=1");
   EXPECT_TRUE(source->is_live());
   EXPECT_EQ(source->count(), 0);
@@ -202,7 +202,7 @@ TEST(SynthSource, ALiveOneKeepsTimeAndDropsWhatNobodyTook) {
   EXPECT_FALSE(source->next(milliseconds(10'000), stopper.get_token()).has_value());
 }
 
-TEST(SynthSource, BadTextsListTheChoices) {
+TEST(SynthSource, ErrorsListChoices) {
   const auto reason = [](const std::string& text) -> std::string {
     try {
       (void)open_source("synth:" + text, {}, {synth_scheme()});

@@ -54,8 +54,8 @@ void print_score(const std::string& set, const planar::markers::MarkerScore& sco
     Json line{{"set", set}, {"images", score.images}, {"truth", score.truth}};
     line["recall"] = rounded(score.recall(), 4);
     line["precision"] = rounded(score.precision(), 4);
-    line["wrong"] = score.wrong;
-    line["wrong_order"] = score.turned;
+    line["wrong"] = score.false_positives;
+    line["wrong_order"] = score.rotated;
     const auto add = [&](const char* name, double value) {
       line[name] = std::isfinite(value) ? Json(rounded(value, 4)) : Json(nullptr);
     };
@@ -79,25 +79,25 @@ void print_score(const std::string& set, const planar::markers::MarkerScore& sco
   print_text(fmt::format(
       "{:16} {} images, {} there: recall {:.3f}, precision {:.3f} ({} wrong) | corners {} px, "
       "p95 {} | rotation {} degrees, p95 {}, flips {} % | distance {} % | {} ms\n",
-      set, score.images, score.truth, score.recall(), score.precision(), score.wrong,
+      set, score.images, score.truth, score.recall(), score.precision(), score.false_positives,
       number(score.corner_px, 3), number(score.corner_px_p95, 2), number(score.rotation_deg, 2),
       number(score.rotation_deg_p95, 1), number(score.flips_percent, 1),
       number(score.distance_percent, 2), number(score.ms, 2)));
 }
 
 // The markers of the lines whose truth names an image.
-std::map<std::string, planar::markers::FoundInImage> find_images(const EvalFlags& flags,
-                                                                 Context& context,
-                                                                 std::string& lines) {
-  std::map<std::string, planar::markers::FoundInImage> found;
+std::map<std::string, planar::markers::ImageDetections> find_images(const EvalFlags& flags,
+                                                                    Context& context,
+                                                                    std::string& lines) {
+  std::map<std::string, planar::markers::ImageDetections> found;
   planar::image_targets::evaluate_planar(
       flags.truth, flags.planar,
       [&](const planar::image_targets::PlanarResult& result) {
         context.progress->advance();
-        planar::markers::FoundInImage& entry = found[result.image];
+        planar::markers::ImageDetections& entry = found[result.image];
         entry.ms = result.ms;
-        for (const planar::image_targets::FoundTarget& one : result.found) {
-          planar::markers::JudgedMarker& marker = entry.markers.emplace_back();
+        for (const planar::image_targets::DetectedTarget& one : result.found) {
+          planar::markers::MarkerRecord& marker = entry.markers.emplace_back();
           marker.corners = one.corners;
           if (one.poses) marker.pose = one.poses->best.camera_from_plane;
         }
@@ -111,12 +111,12 @@ std::map<std::string, planar::markers::FoundInImage> find_images(const EvalFlags
   return found;
 }
 
-std::map<std::string, planar::markers::FoundInImage> find_all(
+std::map<std::string, planar::markers::ImageDetections> find_all(
     const EvalFlags& flags, const std::vector<planar::markers::MarkerTruth>& truth,
     Context& context, std::string& lines) {
-  if (!flags.results.empty()) return planar::markers::read_found_markers(flags.results);
+  if (!flags.results.empty()) return planar::markers::read_detected_markers(flags.results);
   context.progress->begin("images", static_cast<std::int64_t>(truth.size()), "images");
-  std::map<std::string, planar::markers::FoundInImage> found;
+  std::map<std::string, planar::markers::ImageDetections> found;
   if (!truth.front().target.empty()) {
     found = find_images(flags, context, lines);
   } else {
@@ -128,10 +128,10 @@ std::map<std::string, planar::markers::FoundInImage> find_all(
       Json json{{"image", line.image}};
       json.update(to_json(result));
       lines += json.dump() + "\n";
-      planar::markers::FoundInImage& entry = found[line.image];
+      planar::markers::ImageDetections& entry = found[line.image];
       entry = {{}, result.ms};
       for (const planar::TrackedMarker& one : result.markers)
-        entry.markers.push_back(planar::markers::judged(one.marker, one.pose));
+        entry.markers.push_back(planar::markers::record_of(one.marker, one.pose));
     }
   }
   context.progress->end();
@@ -160,19 +160,19 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
   }
   std::string lines;
   const auto found = find_all(flags, truth, context, lines);
-  planar::markers::MarkerJudge all(flags.tolerance);
-  std::map<std::string, planar::markers::MarkerJudge> sets;
+  planar::markers::MarkerEvaluator all(flags.tolerance);
+  std::map<std::string, planar::markers::MarkerEvaluator> sets;
   int answered = 0;
   for (const planar::markers::MarkerTruth& line : truth) {
     const auto one = found.find(line.image);
-    static const planar::markers::FoundInImage kNothing;
-    const planar::markers::FoundInImage& result = one == found.end() ? kNothing : one->second;
+    static const planar::markers::ImageDetections kNothing;
+    const planar::markers::ImageDetections& result = one == found.end() ? kNothing : one->second;
     answered += static_cast<int>(result.markers.size());
     sets.try_emplace(has_images ? "images" : line.family, flags.tolerance)
         .first->second.add(line, result.markers, result.ms);
     all.add(line, result.markers, result.ms);
   }
-  for (const auto& [name, judge] : sets) print_score(name, judge.score(), context);
+  for (const auto& [name, evaluator] : sets) print_score(name, evaluator.score(), context);
   if (sets.size() > 1) print_score("all", all.score(), context);
   if (!flags.output.empty()) write_file_atomically(flags.output, lines);
   return answered > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;

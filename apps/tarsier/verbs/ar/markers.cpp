@@ -71,7 +71,7 @@ std::shared_ptr<const render::Mesh> read_thing(const std::string& path, planar::
   for (const std::string& note : file.notes) log_warning("{}", note);
   const render::Bounds box = render::bounds_of(file.mesh);
   if (cv::norm(box.high - box.low) <= 0) throw InputError(path, "all its points coincide");
-  return std::make_shared<const render::Mesh>(planar::augment::standing(file.mesh, up));
+  return std::make_shared<const render::Mesh>(planar::augment::upright_mesh(file.mesh, up));
 }
 
 planar::MarkerTracker tracker_of(const MarkersFlags& flags) {
@@ -111,7 +111,7 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
   const planar::MarkerTracker tracker = tracker_of(flags);
   ArSessionOptions options = drawing_of(flags);
   const bool guesses = !tracker.options().camera && tracker.options().focal_px <= 0;
-  bool has_told = false;
+  bool has_reported = false;
   DebugFolder debug(context.debug_dir);
   options.debug = debug.sink();
   ArSession session(tracker, std::move(options));
@@ -122,12 +122,12 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
   hooks.title = "markers";
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
-    if (guesses && !has_told) {
+    if (guesses && !has_reported) {
       log_warning(
           "no --camera: a focal length of {:.0f} px is guessed, and distances have the same "
           "relative error",
           session.result().camera.fx);
-      has_told = true;
+      has_reported = true;
     }
     if (on_event) events.frame(frame, to_json(session.result()).at("markers"));
     found = found || !session.result().markers.empty();

@@ -80,9 +80,9 @@ ExitStatus make_images(SynthFlags& flags, Context& context) {
   const bool is_planar = flags.what == "planar";
   flags.still.size = parse_size(flags.size, 64, 8192);
   if (is_planar && flags.min_side->count() == 0) flags.still.min_side_px = kMinTarget;
-  if (flags.still.least > flags.still.most)
-    throw UsageError(
-        fmt::format("--min-markers {}, --max-markers {}", flags.still.least, flags.still.most));
+  if (flags.still.min_prints > flags.still.max_prints)
+    throw UsageError(fmt::format("--min-markers {}, --max-markers {}", flags.still.min_prints,
+                                 flags.still.max_prints));
   if (flags.still.min_side_px > flags.still.max_side_px)
     throw UsageError(fmt::format("--min-side {} px, --max-side {}", flags.still.min_side_px,
                                  flags.still.max_side_px));
@@ -142,14 +142,14 @@ void add_flags(Command& verb, SynthFlags& flags) {
   bind_field(verb, flags.still, flags.still.tilt_deg);
   flags.min_side = &bind_field(verb, flags.still, flags.still.min_side_px);
   bind_field(verb, flags.still, flags.still.max_side_px);
-  bind_field(verb, flags.still, flags.still.part_hidden);
+  bind_field(verb, flags.still, flags.still.hidden_share);
   const auto markers = [](Flag& flag) { flag.group("Markers"); };
   markers(verb.add_option("--family", flags.families, "marker family, repeatable")
               .delimiter(',')
               .show_default());
   markers(verb.add_option("--side", flags.side, "side of a marker's black frame").show_default());
-  markers(bind_field(verb, flags.still, flags.still.least));
-  markers(bind_field(verb, flags.still, flags.still.most));
+  markers(bind_field(verb, flags.still, flags.still.min_prints));
+  markers(bind_field(verb, flags.still, flags.still.max_prints));
   const auto planar = [](Flag& flag) { flag.group("Images as targets"); };
   planar(verb.add_option("--image", flags.images, "image of a target, repeatable [posters]")
              .delimiter(','));

@@ -71,7 +71,7 @@ ExitStatus run_train(TrainFlags& flags, Context& context) {
     line["height"] = trained.height;
     line["features"] = trained.features.size();
     line["rating"] = q.rating;
-    line["quality"] = {{"found", q.repeatable},
+    line["quality"] = {{"found", q.repeatability},
                        {"features", q.features},
                        {"spread", q.spread},
                        {"distinct", q.distinct}};
@@ -150,22 +150,22 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     const planar::TargetResult& result = session.result();
-    found = found || !result.seen.empty();
+    found = found || !result.tracked.empty();
     if (on_event) events.frame(frame, to_json(result).at("markers"));
     if (frame.still && !context.json && !context.quiet) {
       print_text(frame.name + ":");
-      for (const planar::image_targets::TrackedTarget& seen : result.seen) {
+      for (const planar::image_targets::TrackedTarget& seen : result.tracked) {
         const cv::Point2d middle = (seen.corners[0] + seen.corners[2]) * 0.5;
         print_text(
             fmt::format(" [{} at {:.0f},{:.0f}]", result.target_of(seen).name, middle.x, middle.y));
       }
-      print_text(result.seen.empty() ? " none\n" : "\n");
+      print_text(result.tracked.empty() ? " none\n" : "\n");
     }
   };
   hooks.table = {flags.csv, kColumns};
   hooks.rows = [&](const Frame& frame) {
     std::vector<std::string> rows;
-    for (const planar::image_targets::TrackedTarget& seen : session.result().seen)
+    for (const planar::image_targets::TrackedTarget& seen : session.result().tracked)
       rows.push_back(row_of(frame, seen));
     return rows;
   };

@@ -91,7 +91,7 @@ ExitStatus run_calibrate(CalibrateFlags& flags, Context& context) {
   options.calibrate = flags.lens_options;
   options.calibrate.lens = geometry::lens_named(flags.lens).value();
   options.calibrate.tangential = !flags.no_tangential;
-  options.collect.most = flags.max_views;
+  options.collect.max_views = flags.max_views;
   options.every = flags.run.every;
   options.keep_images = !flags.draw.empty() || !flags.undistorted.empty();
   const auto calibrator = planar::Calibrator::load(options);

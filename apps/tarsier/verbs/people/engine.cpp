@@ -123,7 +123,7 @@ face::people::FaceReader make_face_reader(const PeopleFlags& flags, UncertainFac
 
 std::string background_path(const PeopleFlags& flags) {
   if (flags.background == kNoBackground) return {};
-  return flags.background.empty() ? ModelStore::find().place_of("people-background.json")
+  return flags.background.empty() ? ModelStore::find().expected_path("people-background.json")
                                   : flags.background;
 }
 

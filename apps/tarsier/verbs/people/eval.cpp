@@ -267,7 +267,7 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   const std::string path = background_path(flags.people);
   const std::string deep_path = only_deep && named
                                     ? flags.people.background
-                                    : ModelStore::find().place_of("people-deep.json");
+                                    : ModelStore::find().expected_path("people-deep.json");
   const cv::Size size = flags.size.empty() ? cv::Size() : parse_size(flags.size, 8, 1024);
   std::optional<face::people::FaceReader> reader;
   if (!flags.raw)

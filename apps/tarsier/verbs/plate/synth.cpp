@@ -153,7 +153,7 @@ void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("--noise", flags.noise, "standard deviation of the image noise, grey levels")
       .check(range(0.0, 64.0))
       .show_default();
-  bind_field(verb, flags.street, flags.street.farthest);
+  bind_field(verb, flags.street, flags.street.max_distance_ratio);
   Flag& night = verb.add_flag("--night", flags.night, "night scenes: lamps on, plates illuminated");
   verb.add_flag("--infrared", flags.infrared,
                 "infrared camera: grey images, retroreflective plates")

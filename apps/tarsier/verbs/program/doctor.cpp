@@ -380,7 +380,7 @@ void look_at_data(std::vector<Item>& items) {
     const ModelStore store = ModelStore::find();
     const bool deep = face::has_deep_templates(store);
     items.push_back({"data", "face network", deep ? Finding::kOk : Finding::kNote,
-                     deep ? store.place_of("face-embedding.json")
+                     deep ? store.expected_path("face-embedding.json")
                           : "not installed: people are compared by classic templates",
                      deep ? "`people train --template deep` computes a gallery's templates with it"
                           : "deep templates know many more faces in the wild: "
@@ -393,7 +393,7 @@ void look_at_data(std::vector<Item>& items) {
                                     "tells its SHA-256 and licence"});
     const bool anchors = face::has_anchor_detector(store);
     items.push_back({"data", "face detector", anchors ? Finding::kOk : Finding::kNote,
-                     anchors ? store.place_of(face::kAnchorDetectorFile)
+                     anchors ? store.expected_path(face::kAnchorDetectorFile)
                              : "only the one that ships is installed",
                      anchors ? "it works beside the one that ships"
                              : "another beside it finds more faces with sunglasses, caps and "

@@ -6,7 +6,7 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/mapper/colmap_database.h"
 #include "tarsier/synth/observed_site.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -153,7 +153,7 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
   flags.scene.check();
   const auto scene = [&] {
     const EndOnSignals at_once;
-    return synth::ReliefScene(flags.scene);
+    return synth::SfmScene(flags.scene);
   }();
   const fs::path folder = flags.output;
   make_folder((folder / "images").string());

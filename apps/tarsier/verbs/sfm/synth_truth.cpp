@@ -27,7 +27,7 @@ constexpr double kSameDepth = 1e-3;
 // share of the depth, max difference between neighbours without an edge
 constexpr double kSameSurface = 0.05;
 
-cv::Mat1f depth_of(const synth::ReliefScene& scene, int index, const std::stop_token& stop) {
+cv::Mat1f depth_of(const synth::SfmScene& scene, int index, const std::stop_token& stop) {
   const geometry::Camera camera = scene.camera();
   cv::Mat1f depth(camera.height, camera.width, 0.F);
   cv::parallel_for_(cv::Range(0, depth.rows), [&](const cv::Range& rows) {
@@ -71,7 +71,7 @@ cv::Mat3f normals_of(const geometry::Camera& camera, const cv::Mat1f& depth) {
   return normals;
 }
 
-sfm::Model true_model(const synth::ReliefScene& scene, const std::stop_token& stop) {
+sfm::Model true_model(const synth::SfmScene& scene, const std::stop_token& stop) {
   sfm::Model model;
   model.cameras.push_back(scene.camera());
   for (int i = 0; i < scene.count(); ++i) {
@@ -123,7 +123,7 @@ sfm::Model true_model(const synth::ReliefScene& scene, const std::stop_token& st
 }
 
 // Writes the exact surface, sampled at points about two pixels apart.
-void write_mesh(const std::string& folder, const synth::ReliefScene& scene,
+void write_mesh(const std::string& folder, const synth::SfmScene& scene,
                 const std::stop_token& stop) {
   const double pixel = kUsualDistance / scene.camera().fx;
   synth::SceneSurface surface = scene.surface(std::clamp(2 * pixel, 0.02, 0.2), stop);
@@ -135,7 +135,7 @@ void write_mesh(const std::string& folder, const synth::ReliefScene& scene,
 
 }  // namespace
 
-void write_depth_truth(const std::string& folder, const synth::ReliefScene& scene,
+void write_depth_truth(const std::string& folder, const synth::SfmScene& scene,
                        const Context& context) {
   sfm::write_colmap((std::filesystem::path(folder) / "sparse").string(),
                     true_model(scene, context.stop));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include "framework/cli.h"
 #include <string>
@@ -12,7 +12,7 @@ namespace tarsier::cli {
 // images: the exact cameras, surface points with the images that see them, depth maps and normal
 // maps; and the exact surface as mesh.ply. Images are named 0000.jpg ... Throws OutputError,
 // Interrupted.
-void write_depth_truth(const std::string& folder, const synth::ReliefScene& scene,
+void write_depth_truth(const std::string& folder, const synth::SfmScene& scene,
                        const Context& context);
 
 }  // namespace tarsier::cli

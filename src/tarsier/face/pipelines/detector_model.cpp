@@ -26,7 +26,7 @@ DetectorModel DetectorModel::load(const ModelStore& models, const std::string& w
   const bool shipped = which.empty() || which == kOwn;
   if (shipped && !models.has(kShipped)) {
     log_warning("{}: not there; faces are found by the cascades of opencv-data instead",
-                models.place_of(kShipped));
+                models.expected_path(kShipped));
     return model;
   }
   const std::string path = models.path_or(shipped ? "" : which, kShipped);

@@ -57,7 +57,7 @@ FaceReaderModel FaceReaderModel::load(const ModelStore& models, people::FaceRead
           landmarks::read_landmark_model(models.path(kShippedLandmarks)));
     } else {
       log_warning("{}: not there; eyes are found by cascades instead",
-                  models.place_of(kShippedLandmarks));
+                  models.expected_path(kShippedLandmarks));
       options.eyes = people::EyeMethod::kCascades;
     }
   }
@@ -107,7 +107,7 @@ recognition::Background load_deep_background(const ModelStore& models, const std
     throw ModelError(path, background.network_fingerprint == 0
                                ? "was not trained on deep templates"
                                : "is of another network than " +
-                                     (own ? own->name : models.place_of(kDeepNetwork)));
+                                     (own ? own->name : models.expected_path(kDeepNetwork)));
   }
   background.network = std::move(network);
   return background;
@@ -174,7 +174,7 @@ std::optional<recognition::Background> load_background(const ModelStore& models,
   if (which.empty() && !models.has(kShippedBackground)) {
     log_warning(
         "{}: not found; a gallery of one person cannot distinguish this person from strangers",
-        models.place_of(kShippedBackground));
+        models.expected_path(kShippedBackground));
     return std::nullopt;
   }
   return recognition::read_background(models.path_or(which, kShippedBackground));

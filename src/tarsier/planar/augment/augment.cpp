@@ -85,7 +85,7 @@ std::optional<Object> object_named(std::string_view name) { return kObjects.find
 
 std::string_view name_of(Object object) { return kObjects.name(object); }
 
-Mesh standing(const Mesh& mesh, Up up) {
+Mesh upright_mesh(const Mesh& mesh, Up up) {
   mesh.check();
   Mesh turned = mesh;
   if (up == Up::kY) {

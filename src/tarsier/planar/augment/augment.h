@@ -30,11 +30,11 @@ enum class Up { kY, kZ };  // the axis of a mesh that points up; in Wavefront fi
 // sheet. The mesh is upright, its lowest point lies on z = 0, and its footprint is centred. It is
 // scaled so that the footprint's longer side is 1 or the height is 1.5, whichever is smaller.
 // Throws std::invalid_argument for a mesh without triangles or without extent.
-[[nodiscard]] render::Mesh standing(const render::Mesh& mesh, Up up = Up::kY);
+[[nodiscard]] render::Mesh upright_mesh(const render::Mesh& mesh, Up up = Up::kY);
 
 struct AugmentOptions {
   Object object = Object::kCube;
-  std::shared_ptr<const render::Mesh> mesh;  // for kMesh, from standing()
+  std::shared_ptr<const render::Mesh> mesh;  // for kMesh, from upright_mesh()
   double scale = 1;                          // of the object, relative to the sheet's side
   bool shadow = true;
   bool antialias = true;

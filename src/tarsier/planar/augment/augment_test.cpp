@@ -56,7 +56,7 @@ TEST(Augment, TheCubeStandsOnTheSheet) {
   EXPECT_EQ(at(image, camera, sheet, {0.035, 0, 0}), kPaper);
 }
 
-TEST(Augment, WhatIsBelowTheSheetIsHidden) {
+TEST(Augment, HidesPartsBelowSheet) {
   const geometry::Camera camera = test_camera();
   const Sheet sheet = sheet_at({0, 0, 0.3});
   render::Mesh ball = render::make_sphere(24, {0.1F, 0.1F, 0.9F});  // its centre lies on the sheet
@@ -90,7 +90,7 @@ TEST(Augment, TheShadowLiesOnTheSheetAwayFromTheLight) {
   EXPECT_EQ(at(image, camera, sheet, {0.09, 0, 0}), kPaper);
 }
 
-TEST(Augment, NearerThingsHideFartherOnesInAnyOrder) {
+TEST(Augment, DepthOrderIsIndependentOfInputOrder) {
   const geometry::Camera camera = test_camera();
   const Sheet near = sheet_at({0, 0.02, 0.3}, 1);
   const Sheet far = sheet_at({0.01, -0.02, 0.38}, 2);
@@ -108,7 +108,7 @@ TEST(Augment, NearerThingsHideFartherOnesInAnyOrder) {
   EXPECT_EQ(at(one, camera, near, {0, -0.025, 0.03}), at(alone, camera, near, {0, -0.025, 0.03}));
 }
 
-TEST(Augment, TheLightStaysInTheWorldWhenItsSheetIsLost) {
+TEST(Augment, KeepsLightWhenAnchorSheetIsLost) {
   const geometry::Camera camera = test_camera();
   const Sheet a = sheet_at({-0.05, 0, 0.3}, 1);
   Sheet b = sheet_at({0.05, 0, 0.3}, 2);
@@ -124,17 +124,17 @@ TEST(Augment, TheLightStaysInTheWorldWhenItsSheetIsLost) {
   EXPECT_LT((state.light_in_camera - before).norm(), 1e-9);
 }
 
-TEST(Standing, PutsAMeshUprightInTheMiddle) {
+TEST(UprightMesh, StandsUprightAtCenter) {
   render::Mesh tower = render::make_cube();  // y up: 1 wide, 4 high
   for (cv::Vec3f& p : tower.positions) p = {p[0] + 7, 4 * p[1] - 3, p[2]};
-  const render::Mesh mesh = standing(tower);
+  const render::Mesh mesh = upright_mesh(tower);
   const render::Bounds box = render::bounds_of(mesh);
   EXPECT_NEAR(box.low[2], 0, 1e-5);
   EXPECT_NEAR(box.high[2], 1.5, 1e-5);
   EXPECT_NEAR(box.high[0], 1.5 / 8, 1e-5);
   EXPECT_NEAR(box.low[0], -1.5 / 8, 1e-5);
-  EXPECT_NEAR(render::bounds_of(standing(tower, Up::kZ)).high[2], 0.25, 1e-5);
-  EXPECT_THROW((void)standing(render::Mesh{}), std::invalid_argument);
+  EXPECT_NEAR(render::bounds_of(upright_mesh(tower, Up::kZ)).high[2], 0.25, 1e-5);
+  EXPECT_THROW((void)upright_mesh(render::Mesh{}), std::invalid_argument);
   AugmentOptions options;
   options.object = Object::kMesh;
   EXPECT_THROW(options.check(), std::invalid_argument);

@@ -16,8 +16,8 @@
 namespace tarsier::planar::calibration {
 namespace {
 
-constexpr int kLeast = 3;
-constexpr int kMost = 100;
+constexpr int kMinSide = 3;
+constexpr int kMaxSide = 100;
 
 struct Form {
   BoardKind kind;
@@ -42,7 +42,7 @@ std::vector<std::string_view> split(std::string_view text, char at) {
 }
 
 template <typename T>
-std::optional<T> whole(std::string_view text) {
+std::optional<T> parse_number(std::string_view text) {
   T value{};
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
@@ -57,8 +57,9 @@ double largest_ratio(BoardKind kind) {
 }  // namespace
 
 void BoardSpec::check() const {
-  TARSIER_REQUIRE(columns >= kLeast && columns <= kMost && rows >= kLeast && rows <= kMost,
-                  "a board of {}x{}", columns, rows);
+  TARSIER_REQUIRE(
+      columns >= kMinSide && columns <= kMaxSide && rows >= kMinSide && rows <= kMaxSide,
+      "a board of {}x{}", columns, rows);
   TARSIER_REQUIRE(pitch > 0 && std::isfinite(pitch), "a pitch of {} m", pitch);
   if (kind == BoardKind::kChess) return;
   TARSIER_REQUIRE(ratio >= 0.2 && ratio <= largest_ratio(kind), "a ratio of {}", ratio);
@@ -111,18 +112,18 @@ BoardSpec parse_board(std::string_view text, double pitch) {
   spec.pitch = pitch;
   spec.ratio = form->ratio;
   const std::vector<std::string_view> sides = split(parts[1], 'x');
-  const auto columns = whole<int>(sides[0]);
-  const auto rows = whole<int>(sides.size() == 2 ? sides[1] : std::string_view());
+  const auto columns = parse_number<int>(sides[0]);
+  const auto rows = parse_number<int>(sides.size() == 2 ? sides[1] : std::string_view());
   if (!columns || !rows) throw fail(fmt::format("'{}' is no size", printable(parts[1])));
-  if (*columns < kLeast || *rows < kLeast || *columns > kMost || *rows > kMost)
-    throw fail(fmt::format("a side is not {}..{}", kLeast, kMost));
+  if (*columns < kMinSide || *rows < kMinSide || *columns > kMaxSide || *rows > kMaxSide)
+    throw fail(fmt::format("a side is not {}..{}", kMinSide, kMaxSide));
   spec.columns = *columns;
   spec.rows = *rows;
   if (parts.size() > needed) {
-    const auto ratio = whole<double>(parts[needed]);
-    const double most = largest_ratio(spec.kind);
-    if (!ratio || !(*ratio >= 0.2 && *ratio <= most))
-      throw fail(fmt::format("the last number is not 0.2..{}", most));
+    const auto ratio = parse_number<double>(parts[needed]);
+    const double max_ratio = largest_ratio(spec.kind);
+    if (!ratio || !(*ratio >= 0.2 && *ratio <= max_ratio))
+      throw fail(fmt::format("the last number is not 0.2..{}", max_ratio));
     spec.ratio = *ratio;
   }
   if (is_charuco) {

@@ -24,7 +24,7 @@ std::string refusal(const std::string& text) {
   return "accepted";
 }
 
-TEST(BoardSpecTest, IsReadAndWritten) {
+TEST(BoardSpecTest, IsParsedAndFormatted) {
   for (const char* text : {"chess:9x6", "charuco:5x7:6x6_250", "charuco:8x5:4x4_50:0.6",
                            "circles:4x11", "circles-grid:7x6", "circles-grid:7x6:0.4"}) {
     const BoardSpec spec = parse_board(text, 0.03);
@@ -35,7 +35,7 @@ TEST(BoardSpecTest, IsReadAndWritten) {
   EXPECT_EQ(parse_board("charuco:5x7:36h11", 1).family, "36h11");
 }
 
-TEST(BoardSpecTest, WhatIsNoBoardIsNamed) {
+TEST(BoardSpecTest, RejectsInvalidText) {
   EXPECT_THAT(refusal("chess"), HasSubstr("no size"));
   EXPECT_THAT(refusal("chess:9"), HasSubstr("'9' is no size"));
   EXPECT_THAT(refusal("chess:9x"), HasSubstr("no size"));
@@ -69,7 +69,7 @@ TEST(BoardSpecTest, PointsLieWhereTheyArePrinted) {
   EXPECT_THROW((void)dots.point(44), std::invalid_argument);
 }
 
-TEST(CoverageTest, SaysWhatIsMissing) {
+TEST(CoverageTest, ReportsMissingRegionsAndTilts) {
   const BoardSpec spec = parse_board("chess:9x6", 0.025);
   const geometry::Camera camera{640, 480, 600, 600, 319.5, 239.5};
   const auto view = [&](cv::Point2d at, Eigen::Vector3d angles) {
@@ -98,7 +98,7 @@ TEST(CoverageTest, SaysWhatIsMissing) {
   EXPECT_TRUE(coverage.missing().empty()) << coverage.missing()[0];
 }
 
-TEST(CoverageTest, TheNearerEdgeIsNamed) {
+TEST(CoverageTest, ReportsNearerEdge) {
   const BoardSpec spec = parse_board("chess:9x6", 0.025);
   const geometry::Camera camera{640, 480, 704, 704, 319.5, 239.5};
   for (const double angle : {-30.0, 30.0}) {

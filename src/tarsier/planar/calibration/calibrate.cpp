@@ -21,27 +21,27 @@ using geometry::Camera;
 using geometry::Lens;
 using geometry::Rigid3;
 
-constexpr std::size_t kStartViews = 24;  // views that select the initial focal length
-constexpr double kAlike_px = 4;          // views closer than this count as one
-constexpr double kMinTurn_deg = 5;       // minimum rotation between the boards of two views
+constexpr std::size_t kStartViews = 24;         // views that select the initial focal length
+constexpr double kMaxDuplicateDistance_px = 4;  // views closer than this count as one
+constexpr double kMinTurn_deg = 5;              // minimum rotation between the boards of two views
 // Maximum for focal lengths, and relative to the image's larger side.
 constexpr double kMaxUncertain = 0.03;
 constexpr double kCornerError_px = 0.1;  // assumed error of the corners when judging the views
-constexpr double kGoodStart_px = 2;
+constexpr double kMaxStartRms_px = 2;
 constexpr double kPointOutlier = 7;  // times the median error of all points
 constexpr int kMaxComparisons = 2000;
 
-// Counts the views that differ from each other, up to `enough`.
-int distinct_views(const std::vector<BoardView>& views, int enough) {
-  std::vector<const BoardView*> kept;
+// Counts the views that differ from each other, up to `max_count`.
+int distinct_views(const std::vector<BoardView>& views, int max_count) {
+  std::vector<const BoardView*> distinct;
   for (const BoardView& view : views) {
-    if (static_cast<int>(kept.size()) >= enough) break;
-    const bool is_new = std::all_of(kept.begin(), kept.end(), [&](const BoardView* other) {
-      return view_distance(view, *other) > kAlike_px;
+    if (static_cast<int>(distinct.size()) >= max_count) break;
+    const bool is_new = std::all_of(distinct.begin(), distinct.end(), [&](const BoardView* other) {
+      return view_distance(view, *other) > kMaxDuplicateDistance_px;
     });
-    if (!view.empty() && is_new) kept.push_back(&view);
+    if (!view.empty() && is_new) distinct.push_back(&view);
   }
-  return static_cast<int>(kept.size());
+  return static_cast<int>(distinct.size());
 }
 
 bool is_dots(const BoardSpec& spec) {
@@ -94,7 +94,7 @@ std::optional<Camera> start_camera(const std::vector<FitView>& all, cv::Size siz
     FitOptions few;
     few.fix_aspect = true;
     few.fix_center = true;
-    few.fix_tangent = true;
+    few.fix_tangential = true;
     few.radial = 1;
     few.loss_px = 3;
     few.max_steps = 25;
@@ -113,8 +113,8 @@ std::optional<Camera> start_camera(const std::vector<FitView>& all, cv::Size siz
 FitOptions fit_options(const CalibrateOptions& options, const Camera& camera, double loss_px);
 
 // The caller's initial camera, if it fits the views.
-std::optional<Camera> given_start(const std::vector<FitView>& all, cv::Size size,
-                                  const CalibrateOptions& options, const std::stop_token& stop) {
+std::optional<Camera> refined_start(const std::vector<FitView>& all, cv::Size size,
+                                    const CalibrateOptions& options, const std::stop_token& stop) {
   if (!options.start || options.lens == Lens::kRational || options.start->lens != options.lens ||
       options.start->width != size.width || options.start->height != size.height) {
     return std::nullopt;
@@ -126,13 +126,13 @@ std::optional<Camera> given_start(const std::vector<FitView>& all, cv::Size size
   std::vector<double> rms;
   (void)fit_lens(camera, views, fit_options(options, camera, 1), stop);
   for (const FitView& view : views) rms.push_back(rms_of(camera, view));
-  return upper_median(rms) < kGoodStart_px ? std::optional<Camera>(camera) : std::nullopt;
+  return upper_median(rms) < kMaxStartRms_px ? std::optional<Camera>(camera) : std::nullopt;
 }
 
 FitOptions fit_options(const CalibrateOptions& options, const Camera& camera, double loss_px) {
   FitOptions fit;
   fit.fix_aspect = options.square_pixels;
-  fit.fix_tangent = !options.tangential;
+  fit.fix_tangential = !options.tangential;
   fit.radial = camera.lens == Lens::kFisheye ? 4 : options.radial;
   fit.loss_px = loss_px;
   return fit;
@@ -186,14 +186,14 @@ cv::Point2d dot_bias(const Camera& camera, const Rigid3& pose, const cv::Point2d
     if (!at) return {};
     rim[k] = *at;
   }
-  const auto middle = board_pixel(camera, pose, center);
-  if (!middle) return {};
+  const auto center_pixel = board_pixel(camera, pose, center);
+  if (!center_pixel) return {};
   double area = 0;
   cv::Point2d sum;
   // Area and centroid of the polygon, relative to the centre.
   for (std::size_t k = 0; k < kRim; ++k) {
-    const cv::Point2d a = rim[k] - *middle;
-    const cv::Point2d b = rim[(k + 1) % kRim] - *middle;
+    const cv::Point2d a = rim[k] - *center_pixel;
+    const cv::Point2d b = rim[(k + 1) % kRim] - *center_pixel;
     const double cross = a.x * b.y - a.y * b.x;
     area += cross / 2;
     sum += cross / 6 * (a + b);
@@ -202,11 +202,11 @@ cv::Point2d dot_bias(const Camera& camera, const Rigid3& pose, const cv::Point2d
 }
 
 // Moves the points of dots from the centres of their images to the images of their centres.
-void correct_dots(const Camera& camera, const BoardSpec& spec, const std::vector<BoardView>& given,
-                  std::vector<FitView>& views) {
+void correct_dots(const Camera& camera, const BoardSpec& spec,
+                  const std::vector<BoardView>& board_views, std::vector<FitView>& views) {
   for (std::size_t v = 0; v < views.size(); ++v) {
     for (std::size_t i = 0; views[v].used && i < views[v].board.size(); ++i) {
-      views[v].pixels[i] = cv::Point2d(given[v].pixels[i]) -
+      views[v].pixels[i] = cv::Point2d(board_views[v].pixels[i]) -
                            dot_bias(camera, views[v].camera_from_board, views[v].board[i],
                                     0.5 * spec.ratio * spec.pitch);
     }
@@ -228,17 +228,17 @@ bool drop_points(const Camera& camera, std::vector<FitView>& views,
   for (FitView& view : views) {
     if (!view.used) continue;
     const std::vector<double> errors = errors_of(camera, view);
-    FitView kept = view;
-    kept.board.clear();
-    kept.pixels.clear();
+    FitView inliers = view;
+    inliers.board.clear();
+    inliers.pixels.clear();
     for (std::size_t i = 0; i < view.board.size(); ++i) {
       if (errors[i] > limit) continue;
-      kept.board.push_back(view.board[i]);
-      kept.pixels.push_back(view.pixels[i]);
+      inliers.board.push_back(view.board[i]);
+      inliers.pixels.push_back(view.pixels[i]);
     }
-    if (kept.board.size() == view.board.size()) continue;
-    if (4 * kept.board.size() < 3 * view.board.size() || kept.board.size() < 6) continue;
-    view = kept;
+    if (inliers.board.size() == view.board.size()) continue;
+    if (4 * inliers.board.size() < 3 * view.board.size() || inliers.board.size() < 6) continue;
+    view = inliers;
     dropped = true;
   }
   return dropped;
@@ -325,9 +325,9 @@ std::string weakness_of(const Camera& camera, const std::vector<FitView>& views,
         "board by 20 to 45 degrees to the left, right, up and down",
         turn);
   }
-  const double judged = std::max(sigma, kCornerError_px);
-  const double focal = judged * std::sqrt(std::max(variances[0], variances[1])) / camera.fx;
-  const double center = judged * std::sqrt(std::max(variances[2], variances[3])) /
+  const double assumed_error = std::max(sigma, kCornerError_px);
+  const double focal = assumed_error * std::sqrt(std::max(variances[0], variances[1])) / camera.fx;
+  const double center = assumed_error * std::sqrt(std::max(variances[2], variances[3])) /
                         std::max(camera.width, camera.height);
   if (std::max(focal, center) <= kMaxUncertain) return {};
   return fmt::format(
@@ -371,7 +371,7 @@ std::vector<FitView> fit_views(const std::vector<BoardView>& views, const BoardS
   return result;
 }
 
-void report_views(Calibration& result, const std::vector<BoardView>& given,
+void report_views(Calibration& result, const std::vector<BoardView>& board_views,
                   const std::vector<FitView>& views) {
   for (std::size_t i = 0; i < views.size(); ++i) {
     ViewReport& report = result.views[i];
@@ -385,23 +385,23 @@ void report_views(Calibration& result, const std::vector<BoardView>& given,
     report.state = views[i].used ? ViewState::kUsed : ViewState::kOutlier;
     report.camera_from_board = *pose;
     report.rms = rms_of(result.camera, views[i]);
-    report.dropped = static_cast<int>(given[i].points.size() - views[i].board.size());
-    cv::Point2d middle;
+    report.dropped = static_cast<int>(board_views[i].points.size() - views[i].board.size());
+    cv::Point2d center;
     for (const cv::Point2d& p : views[i].board)
-      middle += p * (1 / static_cast<double>(views[i].board.size()));
-    report.tilt_deg = angle_deg(normal_of(*pose), *pose * Eigen::Vector3d(middle.x, middle.y, 0));
+      center += p * (1 / static_cast<double>(views[i].board.size()));
+    report.tilt_deg = angle_deg(normal_of(*pose), *pose * Eigen::Vector3d(center.x, center.y, 0));
   }
 }
 
 }  // namespace
 
-Calibration calibrate(const std::vector<BoardView>& given, const BoardSpec& spec, cv::Size size,
-                      const CalibrateOptions& options, const std::stop_token& stop) {
+Calibration calibrate(const std::vector<BoardView>& board_views, const BoardSpec& spec,
+                      cv::Size size, const CalibrateOptions& options, const std::stop_token& stop) {
   spec.check();
   options.check();
   TARSIER_REQUIRE(size.width > 0 && size.height > 0, "{}x{} px", size.width, size.height);
   Calibration result;
-  result.views.resize(given.size());
+  result.views.resize(board_views.size());
   for (ViewReport& report : result.views) report.state = ViewState::kNoPose;
   const auto too_few = [&](int count, const std::string& what) {
     result.refusal = fmt::format(
@@ -409,21 +409,22 @@ Calibration calibrate(const std::vector<BoardView>& given, const BoardSpec& spec
         "different directions and in all parts of the image",
         count, what, options.min_views);
   };
-  std::vector<FitView> views = fit_views(given, spec);
-  const auto boards = static_cast<int>(
-      std::count_if(given.begin(), given.end(), [](const BoardView& v) { return !v.empty(); }));
+  std::vector<FitView> views = fit_views(board_views, spec);
+  const auto boards = static_cast<int>(std::count_if(
+      board_views.begin(), board_views.end(), [](const BoardView& v) { return !v.empty(); }));
   if (boards < options.min_views) {
     too_few(boards, boards == 1 ? "view of the board" : "views of the board");
     return result;
   }
-  if (const int distinct = distinct_views(given, options.min_views); distinct < options.min_views) {
+  if (const int distinct = distinct_views(board_views, options.min_views);
+      distinct < options.min_views) {
     too_few(distinct, fmt::format("different views among the {}: the board stands still", boards));
     return result;
   }
 
   // A rational lens is initialised as the similar pinhole.
   const Lens first = options.lens == Lens::kFisheye ? Lens::kFisheye : Lens::kPinhole;
-  auto start = given_start(views, size, options, stop);
+  auto start = refined_start(views, size, options, stop);
   if (!start) start = start_camera(views, size, first, stop);
   if (!start) {
     result.refusal =
@@ -435,7 +436,7 @@ Calibration calibrate(const std::vector<BoardView>& given, const BoardSpec& spec
   start_poses(camera, views);
   fit_robustly(camera, views, options, stop);
   for (int turn = 0; turn < 3 && is_dots(spec); ++turn) {
-    correct_dots(camera, spec, given, views);
+    correct_dots(camera, spec, board_views, views);
     (void)fit_lens(camera, views, fit_options(options, camera, 0.5), stop);
   }
   (void)drop_points(camera, views, options);
@@ -458,12 +459,12 @@ Calibration calibrate(const std::vector<BoardView>& given, const BoardSpec& spec
 
   const auto points = static_cast<double>(used_points(views));
   camera.rms = std::sqrt(fit.cost / points);
-  const double freedom = 2 * points - number_count(camera) - 6.0 * result.used;
+  const double freedom = 2 * points - parameter_count(camera) - 6.0 * result.used;
   const double sigma = std::sqrt(fit.cost / std::max(1.0, freedom));
   const Eigen::VectorXd variances = variances_of(fit.information);
   result.deviations = deviations_of(variances, sigma);
   if (options.square_pixels) result.deviations.fy = result.deviations.fx;
-  report_views(result, given, views);
+  report_views(result, board_views, views);
   result.refusal = weakness_of(camera, views, variances, sigma);
   if (result.ok()) result.warnings = warnings_of(camera);
   return result;

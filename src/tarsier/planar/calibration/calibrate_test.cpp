@@ -76,7 +76,7 @@ TEST(CalibrateTest, ExactCornersGiveTheExactCamera) {
   }
 }
 
-TEST(CalibrateTest, TheRmsIsThatOfTheNoise) {
+TEST(CalibrateTest, RmsMatchesNoise) {
   for (const Camera& truth : {phone(), wide()}) {
     const double sigma = 0.2;
     CalibrateOptions options;
@@ -85,7 +85,7 @@ TEST(CalibrateTest, TheRmsIsThatOfTheNoise) {
     const Calibration c = calibrate(seen_by(truth, poses, sigma, 7), kChess, {640, 480}, options);
     ASSERT_TRUE(c.ok()) << c.refusal;
     const double values = 2 * 20 * 54.0;
-    const double freedom = values - number_count(truth) - 6 * 20;
+    const double freedom = values - parameter_count(truth) - 6 * 20;
     const double expected = sigma * std::sqrt(2 * freedom / values);
     EXPECT_NEAR(c.camera.rms / expected, 1, 0.04);  // 2160 values: 1.5 % is one deviation
     EXPECT_NEAR(c.camera.fx / truth.fx, 1, 2e-3);
@@ -96,7 +96,7 @@ TEST(CalibrateTest, TheRmsIsThatOfTheNoise) {
 
 // The reported deviations are right. Over many draws of the noise, the error divided by its
 // deviation has a root mean square near 1.
-TEST(CalibrateTest, TheDeviationsAreHonest) {
+TEST(CalibrateTest, DeviationsMatchActualErrors) {
   const Camera truth = phone();
   const auto poses = synth::board_poses(truth, kChess, 10, 5);
   double sum_fx = 0;
@@ -152,7 +152,7 @@ TEST(CalibrateTest, IsNoWorseThanOpenCv) {
   EXPECT_THAT(ours.deviations.cy / deviations.at<double>(3), as_counted);
 }
 
-TEST(CalibrateTest, ViewsThatDoNotFitAreNamedAndLeftOut) {
+TEST(CalibrateTest, ExcludesOutlierViews) {
   const Camera truth = phone();
   auto views = seen_by(truth, synth::board_poses(truth, kChess, 14, 13), 0.15, 17);
   // A view of a bent board, and a view of another camera.
@@ -177,7 +177,7 @@ TEST(CalibrateTest, ViewsThatDoNotFitAreNamedAndLeftOut) {
   EXPECT_NEAR(c.camera.fx / truth.fx, 1, 3e-3);
 }
 
-TEST(CalibrateTest, PartsOfABoardAreViewsToo) {
+TEST(CalibrateTest, AcceptsPartialBoards) {
   const BoardSpec charuco = parse_board("charuco:9x7:6x6_250", 0.03);
   const Camera truth = phone();
   auto views = seen_by(truth, synth::board_poses(truth, charuco, 12, 19), 0.1, 23, charuco);
@@ -199,7 +199,7 @@ TEST(CalibrateTest, PartsOfABoardAreViewsToo) {
   EXPECT_NEAR(c.camera.fx / truth.fx, 1, 3e-3);
 }
 
-TEST(CalibrateTest, SetsThatFixNoCameraAreRefusedWithWhatToDo) {
+TEST(CalibrateTest, RejectsDegenerateViewsWithAdvice) {
   const Camera truth = phone();
   const auto poses = synth::board_poses(truth, kChess, 10, 29);
   const auto refusal = [&](const std::vector<BoardView>& views) {
@@ -220,7 +220,7 @@ TEST(CalibrateTest, SetsThatFixNoCameraAreRefusedWithWhatToDo) {
   }
 }
 
-TEST(CalibrateTest, AStartChangesTheTimeAndNothingElse) {
+TEST(CalibrateTest, InitialCameraDoesNotChangeResult) {
   const Camera truth = phone();
   const auto views = seen_by(truth, synth::board_poses(truth, kChess, 10, 31), 0.1, 3);
   const Calibration searched = calibrate(views, kChess, {640, 480});
@@ -237,7 +237,7 @@ TEST(CalibrateTest, AStartChangesTheTimeAndNothingElse) {
   }
 }
 
-TEST(CalibrateTest, TheCallersMistakesAreNamed) {
+TEST(CalibrateTest, RejectsInvalidArguments) {
   EXPECT_THROW((void)calibrate({}, kChess, {0, 480}), std::invalid_argument);
   BoardView view;
   view.points = {0, 1};

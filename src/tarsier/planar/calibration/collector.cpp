@@ -11,13 +11,16 @@
 namespace tarsier::planar::calibration {
 namespace {
 
-constexpr double kSharper = 1.15;  // a view replaces a similar one if it is this much sharper
+constexpr double kMinSharpnessRatio =
+    1.15;  // a view replaces a similar one if it is this much sharper
 constexpr std::array<std::string_view, 7> kNames{"taken",   "replaced", "no board", "moving",
                                                  "blurred", "alike",    "full"};
 
 }  // namespace
 
-std::string_view name_of(Verdict verdict) { return kNames[static_cast<std::size_t>(verdict)]; }
+std::string_view name_of(ViewDecision decision) {
+  return kNames[static_cast<std::size_t>(decision)];
+}
 
 ViewCollector::ViewCollector(const BoardSpec& spec, cv::Size size, const CollectorOptions& options)
     : spec_(spec), options_(options) {
@@ -29,43 +32,46 @@ ViewCollector::ViewCollector(const BoardSpec& spec, cv::Size size, const Collect
 
 ViewCollector::Answer ViewCollector::offer(const BoardView& view, double sharpness, bool is_still) {
   const BoardView before = std::exchange(last_, view);
-  if (view.empty()) return {Verdict::kNoBoard};
+  if (view.empty()) return {ViewDecision::kNoBoard};
   if (!is_still && options_.still_px > 0 &&
       (before.empty() || !(view_distance(before, view) <= options_.still_px))) {
-    return {Verdict::kMoving};
+    return {ViewDecision::kMoving};
   }
-  const bool is_judged = spec_.kind == BoardKind::kChess || spec_.kind == BoardKind::kCharuco;
-  if (is_judged && sharpness < options_.min_sharpness) return {Verdict::kBlurred};
-  const double least = options_.min_move * std::max(coverage_.size.width, coverage_.size.height);
+  const bool checks_sharpness =
+      spec_.kind == BoardKind::kChess || spec_.kind == BoardKind::kCharuco;
+  if (checks_sharpness && sharpness < options_.min_sharpness) return {ViewDecision::kBlurred};
+  const double min_distance =
+      options_.min_move * std::max(coverage_.size.width, coverage_.size.height);
   const cv::Point2d tilt = tilt_of(view, spec_, coverage_.size);
   std::size_t near = views_.size();
-  int alike = 0;
+  int similar = 0;
   for (std::size_t i = 0; i < views_.size(); ++i) {
-    if (view_distance(view, views_[i]) >= least ||
+    if (view_distance(view, views_[i]) >= min_distance ||
         cv::norm(tilt - tilts_[i]) >= options_.min_turn_deg)
       continue;
     near = i;
-    ++alike;
+    ++similar;
   }
-  if (alike > 0) {
-    if (alike > 1 || sharpness < kSharper * sharpness_[near]) return {Verdict::kAlike};
+  if (similar > 0) {
+    if (similar > 1 || sharpness < kMinSharpnessRatio * sharpness_[near])
+      return {ViewDecision::kTooSimilar};
     views_[near] = view;
     tilts_[near] = tilt;
     sharpness_[near] = sharpness;
     recount();
-    return {Verdict::kReplaced, near};
+    return {ViewDecision::kReplaced, near};
   }
-  if (static_cast<int>(views_.size()) >= options_.most) return {Verdict::kFull};
+  if (static_cast<int>(views_.size()) >= options_.max_views) return {ViewDecision::kFull};
   return force(view, sharpness);
 }
 
 ViewCollector::Answer ViewCollector::force(const BoardView& view, double sharpness) {
-  if (view.empty()) return {Verdict::kNoBoard};
+  if (view.empty()) return {ViewDecision::kNoBoard};
   views_.push_back(view);
   sharpness_.push_back(sharpness);
   tilts_.push_back(tilt_of(view, spec_, coverage_.size));
   coverage_.add(view, spec_);
-  return {Verdict::kTaken, views_.size() - 1};
+  return {ViewDecision::kAccepted, views_.size() - 1};
 }
 
 void ViewCollector::undo() {

@@ -22,28 +22,28 @@ struct CollectorOptions {
   // image's larger side) away in the mean, or its tilt differs by at least min_turn_deg.
   double min_move = 0.05;
   double min_turn_deg = 12;
-  int most = 40;  // maximum number of views
+  int max_views = 40;  // maximum number of views
 
   [[nodiscard]] OptionFields fields() {
     return {{"min_sharpness", min_sharpness, range_below(0, 1)},
             {"still_px", still_px, at_least(0)},
             {"min_move", min_move, range_below(0, 1)},
             {"min_turn_deg", min_turn_deg, at_least(0)},
-            {"most", most, range(3, 500)}};
+            {"most", max_views, range(3, 500)}};
   }
   void check() const { check_fields(*this); }
 };
 
-enum class Verdict {
-  kTaken,
+enum class ViewDecision {
+  kAccepted,
   kReplaced,  // replaced a similar but less sharp view
   kNoBoard,
   kMoving,
   kBlurred,
-  kAlike,  // too similar to a kept view
+  kTooSimilar,  // too similar to a kept view
   kFull
 };
-[[nodiscard]] std::string_view name_of(Verdict verdict);  // "taken", "no board", "moving", ..
+[[nodiscard]] std::string_view name_of(ViewDecision decision);  // "taken", "no board", "moving", ..
 
 // Selects sharp and different views from the frames of a video or camera.
 class ViewCollector {
@@ -51,7 +51,7 @@ class ViewCollector {
   ViewCollector(const BoardSpec& spec, cv::Size size, const CollectorOptions& options);
 
   struct Answer {
-    Verdict verdict = Verdict::kNoBoard;
+    ViewDecision decision = ViewDecision::kNoBoard;
     std::size_t index = 0;  // of the view, if it was taken or replaced another one
   };
   // Offers the next view, in the order of time; also offer empty views, because they interrupt the

@@ -16,18 +16,19 @@ BoardView at(double x, double y, double tilt = 0) {
                            kSpec);
 }
 
-TEST(ViewCollectorTest, TakesWhatIsNewAndSharp) {
+TEST(ViewCollectorTest, AcceptsNewSharpViews) {
   ViewCollector collector(kSpec, {640, 480}, {});
-  EXPECT_EQ(collector.offer(at(0.3, 0.3), 0.3).verdict, Verdict::kTaken);
-  EXPECT_EQ(collector.offer(at(0.31, 0.3), 0.3).verdict, Verdict::kAlike);
-  EXPECT_EQ(collector.offer({}, 0).verdict, Verdict::kNoBoard);
-  EXPECT_EQ(collector.offer(at(0.7, 0.7), 0.05).verdict, Verdict::kBlurred);
-  EXPECT_EQ(collector.offer(at(0.7, 0.7), 0.3).verdict, Verdict::kTaken);
-  EXPECT_EQ(collector.offer(at(0.3, 0.3, 30), 0.3).verdict, Verdict::kTaken);  // a new tilt
+  EXPECT_EQ(collector.offer(at(0.3, 0.3), 0.3).decision, ViewDecision::kAccepted);
+  EXPECT_EQ(collector.offer(at(0.31, 0.3), 0.3).decision, ViewDecision::kTooSimilar);
+  EXPECT_EQ(collector.offer({}, 0).decision, ViewDecision::kNoBoard);
+  EXPECT_EQ(collector.offer(at(0.7, 0.7), 0.05).decision, ViewDecision::kBlurred);
+  EXPECT_EQ(collector.offer(at(0.7, 0.7), 0.3).decision, ViewDecision::kAccepted);
+  EXPECT_EQ(collector.offer(at(0.3, 0.3, 30), 0.3).decision,
+            ViewDecision::kAccepted);  // a new tilt
   EXPECT_EQ(collector.views().size(), 3U);
   // The same position, but sharper: it replaces the view.
   const ViewCollector::Answer better = collector.offer(at(0.31, 0.31), 0.6);
-  EXPECT_EQ(better.verdict, Verdict::kReplaced);
+  EXPECT_EQ(better.decision, ViewDecision::kReplaced);
   EXPECT_EQ(better.index, 0U);
   EXPECT_EQ(collector.views().size(), 3U);
   EXPECT_EQ(collector.coverage().views, 3);
@@ -38,28 +39,28 @@ TEST(ViewCollectorTest, WaitsForTheBoardToBeStill) {
   options.still_px = 2;
   ViewCollector collector(kSpec, {640, 480}, options);
   // Motion is not known yet.
-  EXPECT_EQ(collector.offer(at(0.3, 0.3), 0.3).verdict, Verdict::kMoving);
-  EXPECT_EQ(collector.offer(at(0.33, 0.3), 0.3).verdict, Verdict::kMoving);
-  EXPECT_EQ(collector.offer(at(0.331, 0.3), 0.3).verdict, Verdict::kTaken);
-  EXPECT_EQ(collector.offer({}, 0).verdict, Verdict::kNoBoard);
-  EXPECT_EQ(collector.offer(at(0.6, 0.3), 0.3).verdict, Verdict::kMoving);
+  EXPECT_EQ(collector.offer(at(0.3, 0.3), 0.3).decision, ViewDecision::kMoving);
+  EXPECT_EQ(collector.offer(at(0.33, 0.3), 0.3).decision, ViewDecision::kMoving);
+  EXPECT_EQ(collector.offer(at(0.331, 0.3), 0.3).decision, ViewDecision::kAccepted);
+  EXPECT_EQ(collector.offer({}, 0).decision, ViewDecision::kNoBoard);
+  EXPECT_EQ(collector.offer(at(0.6, 0.3), 0.3).decision, ViewDecision::kMoving);
 }
 
-TEST(ViewCollectorTest, ForgetsTheLastOneAndHasAnEnd) {
+TEST(ViewCollectorTest, UndoesLastViewAndHasLimit) {
   CollectorOptions options;
-  options.most = 3;
+  options.max_views = 3;
   ViewCollector collector(kSpec, {640, 480}, options);
   for (const double x : {0.25, 0.5, 0.75})
-    EXPECT_EQ(collector.offer(at(x, 0.5), 0.3).verdict, Verdict::kTaken);
-  EXPECT_EQ(collector.offer(at(0.5, 0.25), 0.3).verdict, Verdict::kFull);
+    EXPECT_EQ(collector.offer(at(x, 0.5), 0.3).decision, ViewDecision::kAccepted);
+  EXPECT_EQ(collector.offer(at(0.5, 0.25), 0.3).decision, ViewDecision::kFull);
   const double share = collector.coverage().share();
   collector.undo();
   EXPECT_EQ(collector.views().size(), 2U);
   EXPECT_LT(collector.coverage().share(), share);
-  EXPECT_EQ(collector.offer(at(0.5, 0.25), 0.3).verdict, Verdict::kTaken);
+  EXPECT_EQ(collector.offer(at(0.5, 0.25), 0.3).decision, ViewDecision::kAccepted);
   for (int k = 0; k < 5; ++k) collector.undo();
   EXPECT_EQ(collector.coverage().share(), 0);
-  EXPECT_EQ(collector.force(at(0.5, 0.5), 0).verdict, Verdict::kTaken);
+  EXPECT_EQ(collector.force(at(0.5, 0.5), 0).decision, ViewDecision::kAccepted);
 }
 
 }  // namespace

@@ -14,10 +14,10 @@ namespace tarsier::planar::calibration {
 namespace {
 
 constexpr double kTilted_deg = 12;
-constexpr int kEnoughViews = 8;
-constexpr std::array<const char*, 9> kPlaces{"the top left",    "the top",    "the top right",
-                                             "the left",        "the middle", "the right",
-                                             "the bottom left", "the bottom", "the bottom right"};
+constexpr int kMinViews = 8;
+constexpr std::array<const char*, 9> kRegionNames{
+    "the top left", "the top",         "the top right", "the left",        "the middle",
+    "the right",    "the bottom left", "the bottom",    "the bottom right"};
 constexpr std::array<const char*, 4> kTilts{
     "the board's left edge nearer", "the board's right edge nearer", "the board's top edge nearer",
     "the board's bottom edge nearer"};
@@ -29,10 +29,10 @@ std::array<bool, kCoverageColumns * kCoverageRows> cells_of(const BoardView& vie
   cv::convexHull(view.pixels, hull);
   for (int row = 0; row < kCoverageRows; ++row) {
     for (int column = 0; column < kCoverageColumns; ++column) {
-      const cv::Point2f middle(
+      const cv::Point2f center(
           static_cast<float>((column + 0.5) * size.width / kCoverageColumns - 0.5),
           static_cast<float>((row + 0.5) * size.height / kCoverageRows - 0.5));
-      if (cv::pointPolygonTest(hull, middle, false) >= 0)
+      if (cv::pointPolygonTest(hull, center, false) >= 0)
         cells[static_cast<std::size_t>(row * kCoverageColumns + column)] = true;
     }
   }
@@ -68,9 +68,9 @@ double view_distance(const BoardView& a, const BoardView& b) {
       ++common;
     }
   }
-  const std::size_t least = std::min(a.points.size(), b.points.size());
-  return 2 * common > least ? sum / static_cast<double>(common)
-                            : std::numeric_limits<double>::infinity();
+  const std::size_t smaller = std::min(a.points.size(), b.points.size());
+  return 2 * common > smaller ? sum / static_cast<double>(common)
+                              : std::numeric_limits<double>::infinity();
 }
 
 cv::Point2d tilt_of(const BoardView& view, const BoardSpec& spec, cv::Size size) {
@@ -113,9 +113,9 @@ std::vector<std::string> Coverage::missing() const {
   for (std::size_t k = 0; k < tilts.size(); ++k)
     if (tilts[k] == 0) result.emplace_back(kTilts[k]);
   for (std::size_t k = 0; k < 9; ++k)
-    if (2 * touched[k] < all[k]) result.push_back(std::string(kPlaces[k]) + " of the image");
-  if (result.empty() && views < kEnoughViews)
-    result.push_back(std::to_string(kEnoughViews - views) + " more views");
+    if (2 * touched[k] < all[k]) result.push_back(std::string(kRegionNames[k]) + " of the image");
+  if (result.empty() && views < kMinViews)
+    result.push_back(std::to_string(kMinViews - views) + " more views");
   return result;
 }
 

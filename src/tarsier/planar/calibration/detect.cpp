@@ -19,9 +19,9 @@
 namespace tarsier::planar::calibration {
 namespace {
 
-constexpr int kMinSide = 16;       // px
-constexpr double kWindow = 0.4;    // of a square, so that it excludes neighbouring saddle points
-constexpr int kWidestWindow = 11;  // px, half the window
+constexpr int kMinSide = 16;     // px
+constexpr double kWindow = 0.4;  // of a square, so that it excludes neighbouring saddle points
+constexpr int kMaxHalfWindow_px = 11;  // px, half the window
 
 // The image, reduced so that its larger side is at most `side` px, and the scale full / reduced.
 struct Reduced {
@@ -31,10 +31,10 @@ struct Reduced {
   Reduced(const cv::Mat& full, int side) : gray(full) {
     const int larger = std::max(full.cols, full.rows);
     if (larger <= side) return;
-    const double wanted = static_cast<double>(larger) / side;
+    const double factor = static_cast<double>(larger) / side;
     cv::resize(full, gray,
-               {std::max(kMinSide, cvRound(full.cols / wanted)),
-                std::max(kMinSide, cvRound(full.rows / wanted))},
+               {std::max(kMinSide, cvRound(full.cols / factor)),
+                std::max(kMinSide, cvRound(full.rows / factor))},
                0, 0, cv::INTER_AREA);
     scale = static_cast<double>(full.cols) / gray.cols;
   }
@@ -64,18 +64,18 @@ cv::Mat evenly_lit(const cv::Mat& gray) {
 
 // The minimum distance of each point to its neighbours in the grid.
 double min_spacing(const std::vector<cv::Point2f>& pixels, const cv::Size& grid) {
-  double least = std::numeric_limits<double>::infinity();
+  double min_distance = std::numeric_limits<double>::infinity();
   for (int row = 0; row < grid.height; ++row) {
     for (int column = 0; column < grid.width; ++column) {
       const auto i = static_cast<std::size_t>(row * grid.width + column);
-      if (column > 0) least = std::min(least, cv::norm(pixels[i] - pixels[i - 1]));
+      if (column > 0) min_distance = std::min(min_distance, cv::norm(pixels[i] - pixels[i - 1]));
       if (row > 0) {
-        least =
-            std::min(least, cv::norm(pixels[i] - pixels[i - static_cast<std::size_t>(grid.width)]));
+        min_distance = std::min(
+            min_distance, cv::norm(pixels[i] - pixels[i - static_cast<std::size_t>(grid.width)]));
       }
     }
   }
-  return least;
+  return min_distance;
 }
 
 BoardView whole_view(std::vector<cv::Point2f> pixels) {
@@ -168,7 +168,7 @@ bool is_grid_of_corners(const cv::Mat& gray, const cv::Size& grid,
   return 10 * crossings >= 8 * grid.area() && 10 * between <= 2 * grid.area();
 }
 
-bool search_chess(const cv::Mat& gray, const cv::Size& grid, bool patient,
+bool search_chess(const cv::Mat& gray, const cv::Size& grid, bool retry,
                   std::vector<cv::Point2f>& pixels) {
   const auto is_board = [&] {
     const cv::Mat even = evenly_lit(gray);
@@ -176,7 +176,7 @@ bool search_chess(const cv::Mat& gray, const cv::Size& grid, bool patient,
   };
   if (cv::findChessboardCornersSB(gray, grid, pixels, cv::CALIB_CB_NORMALIZE_IMAGE))
     return is_board();
-  if (!patient) return false;
+  if (!retry) return false;
   if (cv::findChessboardCornersSB(evenly_lit(gray), grid, pixels, 0) && is_board()) return true;
   // Without adaptive thresholds, which take seconds for a board of another size.
   return cv::findChessboardCorners(gray, grid, pixels, cv::CALIB_CB_FAST_CHECK) && is_board();
@@ -184,7 +184,7 @@ bool search_chess(const cv::Mat& gray, const cv::Size& grid, bool patient,
 
 // Fails if corners moved far: they have converged to another corner or to the background.
 bool refine(const cv::Mat& gray, std::vector<cv::Point2f>& pixels, double spacing) {
-  const int half = std::clamp(cvFloor(kWindow * spacing), 1, kWidestWindow);
+  const int half = std::clamp(cvFloor(kWindow * spacing), 1, kMaxHalfWindow_px);
   const std::vector<cv::Point2f> before = pixels;
   cv::cornerSubPix(gray, pixels, {half, half}, {-1, -1},
                    {cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 60, 1e-3});
@@ -197,19 +197,19 @@ BoardView find_chess(const cv::Mat& full, const BoardSpec& spec, const FindOptio
   const Reduced reduced(full, options.search_px);
   std::vector<cv::Point2f> pixels;
   const cv::Mat searched = options.even_light ? evenly_lit(reduced.gray) : reduced.gray;
-  if (!search_chess(searched, spec.grid(), options.patient, pixels)) return {};
+  if (!search_chess(searched, spec.grid(), options.retry, pixels)) return {};
   for (cv::Point2f& p : pixels) p = reduced.full_of(p);
   const double spacing = min_spacing(pixels, spec.grid());
   if (!(spacing >= 4)) return {};
   // From the reduced to the full image in steps, each starting from the last result.
   if (reduced.scale > 2) {
-    const Reduced middle(full, cvRound(options.search_px * std::sqrt(reduced.scale)));
+    const Reduced intermediate(full, cvRound(options.search_px * std::sqrt(reduced.scale)));
     for (cv::Point2f& p : pixels) {
-      p = cv::Point2f(static_cast<float>((p.x + 0.5) / middle.scale - 0.5),
-                      static_cast<float>((p.y + 0.5) / middle.scale - 0.5));
+      p = cv::Point2f(static_cast<float>((p.x + 0.5) / intermediate.scale - 0.5),
+                      static_cast<float>((p.y + 0.5) / intermediate.scale - 0.5));
     }
-    if (!refine(middle.gray, pixels, spacing / middle.scale)) return {};
-    for (cv::Point2f& p : pixels) p = middle.full_of(p);
+    if (!refine(intermediate.gray, pixels, spacing / intermediate.scale)) return {};
+    for (cv::Point2f& p : pixels) p = intermediate.full_of(p);
   }
   if (!refine(full, pixels, spacing)) return {};
   return whole_view(std::move(pixels));
@@ -217,9 +217,9 @@ BoardView find_chess(const cv::Mat& full, const BoardSpec& spec, const FindOptio
 
 // --- dots ---
 
-// Blobs in the image, most dot-like first; at most `most`, because the time of the search for the
+// Blobs in the image, most dot-like first; at most `max_blobs`, because the time of the search for the
 // grid grows with the square of their number.
-std::vector<cv::Point2f> find_blobs(const cv::Mat& gray, std::size_t most) {
+std::vector<cv::Point2f> find_blobs(const cv::Mat& gray, std::size_t max_blobs) {
   cv::SimpleBlobDetector::Params params;
   params.minThreshold = 20;
   params.maxThreshold = 220;
@@ -235,7 +235,7 @@ std::vector<cv::Point2f> find_blobs(const cv::Mat& gray, std::size_t most) {
   params.minConvexity = 0.9F;
   std::vector<cv::KeyPoint> blobs;
   cv::SimpleBlobDetector::create(params)->detect(gray, blobs);
-  if (blobs.size() > most) {
+  if (blobs.size() > max_blobs) {
     // The dots of a board are alike: those nearest to the median size are kept.
     std::vector<float> sizes;
     for (const cv::KeyPoint& blob : blobs) sizes.push_back(blob.size);
@@ -245,7 +245,7 @@ std::vector<cv::Point2f> find_blobs(const cv::Mat& gray, std::size_t most) {
     std::stable_sort(blobs.begin(), blobs.end(), [&](const auto& a, const auto& b) {
       return std::abs(std::log(a.size / median)) < std::abs(std::log(b.size / median));
     });
-    blobs.resize(most);
+    blobs.resize(max_blobs);
   }
   std::vector<cv::Point2f> points;
   for (const cv::KeyPoint& blob : blobs) points.push_back(blob.pt);
@@ -301,7 +301,7 @@ BoardView find_dots(const cv::Mat& full, const BoardSpec& spec, const FindOption
   std::vector<cv::Point2f> pixels;
   const std::vector<cv::Point2f> blobs =
       find_blobs(options.even_light ? evenly_lit(reduced.gray) : reduced.gray, 2 * needed + 40);
-  if (blobs.size() < needed && options.patient && !options.even_light) {
+  if (blobs.size() < needed && options.retry && !options.even_light) {
     FindOptions even = options;
     even.even_light = true;
     return find_dots(full, spec, even);
@@ -310,7 +310,7 @@ BoardView find_dots(const cv::Mat& full, const BoardSpec& spec, const FindOption
   const int flags =
       spec.kind == BoardKind::kCircles ? cv::CALIB_CB_ASYMMETRIC_GRID : cv::CALIB_CB_SYMMETRIC_GRID;
   bool found = cv::findCirclesGrid(blobs, spec.grid(), pixels, flags, nullptr);
-  if (!found && options.patient) {
+  if (!found && options.retry) {
     found =
         cv::findCirclesGrid(blobs, spec.grid(), pixels, flags | cv::CALIB_CB_CLUSTERING, nullptr);
   }

@@ -24,7 +24,7 @@ struct FindOptions {
   // large image without a board takes seconds.
   int search_px = 800;
   // If the first search fails, searches again with evened light and with another method.
-  bool patient = true;
+  bool retry = true;
   // The first search uses evened light (local means and deviations removed).
   bool even_light = false;
   // Charuco: minimum number of corners of a view.
@@ -39,7 +39,7 @@ struct FindOptions {
 // Finds the board in an image.
 //
 // Chess boards: the detector of Duda and Frese (BMVC 2018, cv::findChessboardCornersSB) on the
-// reduced image. If `patient`, the same again with evened light, then cv::findChessboardCorners
+// reduced image. If `retry`, the same again with evened light, then cv::findChessboardCorners
 // without its adaptive thresholds, which take seconds for a board of another size. A part of a
 // larger board does not count. The corners are then refined to the saddle point in the full image
 // (cv::cornerSubPix), in windows of at most 0.4 squares, so that neighbouring corners have no

@@ -46,16 +46,16 @@ double error_of(const BoardView& found, const BoardView& exact, bool may_be_turn
 
 class BoardsTest : public ::testing::TestWithParam<const char*> {};
 
-TEST_P(BoardsTest, AreFoundWhereTheyAre) {
+TEST_P(BoardsTest, AreDetectedAccurately) {
   const BoardSpec spec = parse_board(GetParam(), 0.03);
   const Camera camera = phone();
   const synth::BoardRenderer renderer(camera, spec);
   int number = 0;
   for (const geometry::Rigid3& pose : synth::board_poses(camera, spec, 4, 31)) {
-    synth::BoardLook look;
-    look.seed = static_cast<std::uint64_t>(++number);
-    look.clutter = 20;
-    const cv::Mat image = renderer.render(pose, look);
+    synth::BoardAppearance appearance;
+    appearance.seed = static_cast<std::uint64_t>(++number);
+    appearance.clutter = 20;
+    const cv::Mat image = renderer.render(pose, appearance);
     if (const char* folder = std::getenv("TARSIER_KEEP"))
       cv::imwrite(std::string(folder) + "/" + spec.text() + std::to_string(number) + ".png", image);
     const BoardView view = find_board(image, spec);
@@ -77,18 +77,18 @@ INSTANTIATE_TEST_SUITE_P(All, BoardsTest,
                          ::testing::Values("chess:9x6", "charuco:7x5:5x5_100", "circles:4x11",
                                            "circles-grid:7x6"));
 
-TEST(FindBoardTest, ALargeImageIsSearchedSmallAndMeasuredLarge) {
+TEST(FindBoardTest, SearchesReducedImageAndRefinesInFullImage) {
   const BoardSpec spec = parse_board("chess:9x6", 0.03);
   Camera camera{2560, 1920, 2100, 2100, 1280, 960};
   const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.45, 0.55}, {25, 10, 5}, 0.6);
-  synth::BoardLook look;
-  look.blur_px = 1.2;
-  const BoardView view = find_board(synth::render_board(camera, pose, spec, look), spec);
+  synth::BoardAppearance appearance;
+  appearance.blur_px = 1.2;
+  const BoardView view = find_board(synth::render_board(camera, pose, spec, appearance), spec);
   ASSERT_FALSE(view.empty());
   EXPECT_LT(error_of(view, synth::exact_view(camera, pose, spec), true), 0.06);
 }
 
-TEST(FindBoardTest, ImagesWithoutTheBoardAreNoViews) {
+TEST(FindBoardTest, ReturnsEmptyViewWithoutBoard) {
   const BoardSpec spec = parse_board("chess:9x6", 0.03);
   const Camera camera = phone();
   cv::Mat noise(480, 640, CV_8UC3);
@@ -100,11 +100,11 @@ TEST(FindBoardTest, ImagesWithoutTheBoardAreNoViews) {
   if (const char* folder = std::getenv("TARSIER_KEEP"))
     cv::imwrite(std::string(folder) + "/wrong.png", wrong);
   for (const char* text : {"chess:9x6", "charuco:7x5:5x5_100", "circles:4x11"}) {
-    const BoardSpec wanted = parse_board(text, 0.03);
-    EXPECT_TRUE(find_board(noise, wanted).empty()) << text;
-    EXPECT_TRUE(find_board(wrong, wanted).empty()) << text;
-    EXPECT_TRUE(find_board(cv::Mat(480, 640, CV_8UC1, cv::Scalar(127)), wanted).empty()) << text;
-    EXPECT_TRUE(find_board(cv::Mat(16, 5000, CV_8UC1, cv::Scalar(0)), wanted).empty()) << text;
+    const BoardSpec searched = parse_board(text, 0.03);
+    EXPECT_TRUE(find_board(noise, searched).empty()) << text;
+    EXPECT_TRUE(find_board(wrong, searched).empty()) << text;
+    EXPECT_TRUE(find_board(cv::Mat(480, 640, CV_8UC1, cv::Scalar(127)), searched).empty()) << text;
+    EXPECT_TRUE(find_board(cv::Mat(16, 5000, CV_8UC1, cv::Scalar(0)), searched).empty()) << text;
   }
   EXPECT_THAT(other_chess_sizes(wrong, parse_board("chess:7x5", 0.03)), Contains("6x4"));
   EXPECT_TRUE(find_board(cv::Mat(3, 5, CV_8UC3, cv::Scalar::all(9)), spec).empty());
@@ -125,17 +125,17 @@ TEST(FindBoardTest, ACharucoBoardMayBePartlyHidden) {
   EXPECT_LT(error_of(view, synth::exact_view(camera, pose, spec), false), 0.08);
 }
 
-TEST(FindBoardTest, UnevenAndDimLightDoesNoHarm) {
+TEST(FindBoardTest, ToleratesUnevenAndDimLight) {
   const Camera camera = phone();
   for (const char* text :
        {"chess:9x6", "charuco:7x5:5x5_100", "circles:4x11", "circles-grid:7x6"}) {
     const BoardSpec spec = parse_board(text, 0.03);
     const synth::BoardRenderer renderer(camera, spec);
     const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.5, 0.5}, {20, -15, 5}, 0.8);
-    synth::BoardLook shaded;
+    synth::BoardAppearance shaded;
     shaded.fall_off = 0.8;
     EXPECT_FALSE(find_board(renderer.render(pose, shaded), spec).empty()) << text;
-    synth::BoardLook dim;
+    synth::BoardAppearance dim;
     dim.paper = 60;
     dim.ink = 25;
     dim.noise = 2.5;
@@ -149,9 +149,9 @@ TEST(FindBoardTest, SharpnessFallsWithBlur) {
   const geometry::Rigid3 pose = synth::board_pose(camera, spec, {0.5, 0.5}, {15, 10, 0}, 0.9);
   double last = 1;
   for (const double blur : {0.5, 1.0, 2.0, 3.0}) {
-    synth::BoardLook look;
-    look.blur_px = blur;
-    const cv::Mat image = synth::render_board(camera, pose, spec, look);
+    synth::BoardAppearance appearance;
+    appearance.blur_px = blur;
+    const cv::Mat image = synth::render_board(camera, pose, spec, appearance);
     const double sharp = sharpness_of(image, synth::exact_view(camera, pose, spec), spec);
     EXPECT_LT(sharp, 0.85 * last) << blur;
     EXPECT_NEAR(sharp, std::min(1.0, std::erf(0.5 / (std::sqrt(2.0) * std::hypot(blur, 0.35)))),
@@ -163,16 +163,16 @@ TEST(FindBoardTest, SharpnessFallsWithBlur) {
 
 class RenderedTest : public ::testing::TestWithParam<const char*> {};
 
-TEST_P(RenderedTest, ImagesGiveTheCamera) {
+TEST_P(RenderedTest, CalibratesCameraFromImages) {
   const BoardSpec spec = parse_board(GetParam(), 0.03);
   const Camera truth = phone();
   const synth::BoardRenderer renderer(truth, spec);
   std::vector<BoardView> views;
   int number = 0;
   for (const geometry::Rigid3& pose : synth::board_poses(truth, spec, 9, 37)) {
-    synth::BoardLook look;
-    look.seed = static_cast<std::uint64_t>(++number);
-    views.push_back(find_board(renderer.render(pose, look), spec));
+    synth::BoardAppearance appearance;
+    appearance.seed = static_cast<std::uint64_t>(++number);
+    views.push_back(find_board(renderer.render(pose, appearance), spec));
     EXPECT_FALSE(views.back().empty()) << number;
   }
   const Calibration c = calibrate(views, spec, {640, 480});
@@ -190,7 +190,7 @@ INSTANTIATE_TEST_SUITE_P(All, RenderedTest,
                                            "circles-grid:7x6"));
 
 // Wide lenses: the whole chain from images to the camera.
-TEST(FindBoardTest, RenderedImagesGiveFisheyesAndRationalLensesToo) {
+TEST(FindBoardTest, CalibratesFisheyeAndRationalLenses) {
   const Camera fisheye{
       640, 480, 245, 246, 322, 238, {0.03, -0.01, 2e-3, -5e-4}, 0, geometry::Lens::kFisheye};
   Camera rational = phone();
@@ -203,9 +203,9 @@ TEST(FindBoardTest, RenderedImagesGiveFisheyesAndRationalLensesToo) {
     int number = 0;
     const synth::BoardRenderer renderer(truth, spec);
     for (const geometry::Rigid3& pose : synth::board_poses(truth, spec, 12, 41)) {
-      synth::BoardLook look;
-      look.seed = static_cast<std::uint64_t>(++number);
-      views.push_back(find_board(renderer.render(pose, look), spec));
+      synth::BoardAppearance appearance;
+      appearance.seed = static_cast<std::uint64_t>(++number);
+      views.push_back(find_board(renderer.render(pose, appearance), spec));
     }
     CalibrateOptions options;
     options.lens = truth.lens;
@@ -228,7 +228,7 @@ TEST(FindBoardTest, RenderedImagesGiveFisheyesAndRationalLensesToo) {
 }
 
 // The stereo pair of OpenCV's samples: 13 images of a 9x6 board for each camera.
-TEST(FindBoardTest, OpenCvsOwnImagesOfABoard) {
+TEST(FindBoardTest, DetectsBoardInOpenCvSampleImages) {
   TARSIER_LONG_TEST();
   const std::string folder = "/usr/share/doc/opencv-doc/examples/data/";
   if (!std::filesystem::exists(folder + "left01.jpg"))

@@ -36,7 +36,7 @@ double& number(Camera& camera, int index) {
 }
 
 std::vector<bool> moving(const Camera& camera, const FitOptions& options) {
-  std::vector<bool> moves(static_cast<std::size_t>(number_count(camera)), true);
+  std::vector<bool> moves(static_cast<std::size_t>(parameter_count(camera)), true);
   if (options.fix_aspect) moves[1] = false;  // equals fx
   if (options.fix_center) moves[2] = moves[3] = false;
   const auto keep = [&](std::size_t k) { moves[4 + k] = false; };
@@ -44,7 +44,7 @@ std::vector<bool> moving(const Camera& camera, const FitOptions& options) {
     for (int k = std::max(0, options.radial); k < 4; ++k) keep(static_cast<std::size_t>(k));
     return moves;
   }
-  if (options.fix_tangent) {
+  if (options.fix_tangential) {
     keep(2);
     keep(3);
   }
@@ -214,7 +214,7 @@ bool is_possible(const Camera& camera) {
 
 }  // namespace
 
-int number_count(const Camera& camera) {
+int parameter_count(const Camera& camera) {
   return 4 + static_cast<int>(camera.coefficients().size());
 }
 

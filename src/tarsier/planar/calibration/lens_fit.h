@@ -25,9 +25,9 @@ struct FitView {
 
 // The parameters of the camera that are fixed.
 struct FitOptions {
-  bool fix_aspect = false;   // fy = fx
-  bool fix_center = false;   // cx, cy
-  bool fix_tangent = false;  // p1, p2 stay 0 (not for a fisheye)
+  bool fix_aspect = false;      // fy = fx
+  bool fix_center = false;      // cx, cy
+  bool fix_tangential = false;  // p1, p2 stay 0 (not for a fisheye)
   int radial = 3;  // number of free radial coefficients, 0..3 (fisheye: 0..4); rational: all
   // Of Huber's loss, > 0: reduces the influence of outlier views and points.
   double loss_px = 0;
@@ -35,7 +35,7 @@ struct FitOptions {
 };
 
 // The number of parameters of a camera: fx fy cx cy and the coefficients of its lens.
-[[nodiscard]] int number_count(const geometry::Camera& camera);
+[[nodiscard]] int parameter_count(const geometry::Camera& camera);
 
 struct FitResult {
   double cost = 0;  // sum of (robust) squared residuals, px2

@@ -118,17 +118,17 @@ bool draw_patch(const Level& level, const cv::Point2d& at, const cv::Matx22d& ba
   return ok;
 }
 
-struct Shifted {
+struct PatchShift {
   double x = 0;
   double y = 0;
   double correlation = 0;
 };
 
 // Shifts the patch, whose top left pixel starts at (left, top) of the level, to its best match.
-// Empty if it moves more than `most` px or out of the level's margin.
-std::optional<Shifted> shift_patch(const Level& level, int left, int top, const Patch& patch,
-                                   double most) {
-  Shifted s;
+// Empty if it moves more than `max_shift` px or out of the level's margin.
+std::optional<PatchShift> shift_patch(const Level& level, int left, int top, const Patch& patch,
+                                      double max_shift) {
+  PatchShift s;
   float seen[kArea];
   for (int iteration = 0;; ++iteration) {
     const double u = left + s.x + Level::kMargin;
@@ -180,16 +180,16 @@ std::optional<Shifted> shift_patch(const Level& level, int left, int top, const 
     const double ey = std::clamp(static_cast<double>(fit[2] / fit[0]), -1.5, 1.5);
     s.x -= ex;
     s.y -= ey;
-    if (!(s.x * s.x + s.y * s.y <= most * most)) return std::nullopt;
+    if (!(s.x * s.x + s.y * s.y <= max_shift * max_shift)) return std::nullopt;
     if (ex * ex + ey * ey < 4e-4 && iteration + 2 < kShifts) iteration = kShifts - 2;
   }
 }
 
 // Number of full octaves of the frame down to which the target is at least this large.
-int coarsest_level(const Pyramid& frame, double side, int least) {
+int coarsest_level(const Pyramid& frame, double side, int min_side) {
   int level = 0;
   while (level + 2 < static_cast<int>(frame.levels.size()) &&
-         side / frame.levels[static_cast<std::size_t>(level) + 2].step_x >= least) {
+         side / frame.levels[static_cast<std::size_t>(level) + 2].step_x >= min_side) {
     level += 2;
   }
   return level;
@@ -201,21 +201,22 @@ cv::Matx33d to_level(const cv::Matx33d& h, const Level& level) {
   return shrink * h;
 }
 
-double scale_at_middle(const cv::Matx33d& h, cv::Size size) {
+double scale_at_center(const cv::Matx33d& h, cv::Size size) {
   return std::sqrt(
       std::abs(cv::determinant(jacobian_at(h, {size.width / 2.0, size.height / 2.0}))));
 }
 
-struct Found {
-  Sighting sighting;  // px of the level
+struct PatchMatch {
+  Correspondence correspondence;  // px of the level
   double correlation;
 };
 
-// Shifts the first `most` anchors inside the frame.
-std::vector<Found> sight(const Target& target, const Level& level, const cv::Matx33d& h,
-                         std::size_t most, double reach, int& visible) {
-  std::vector<Found> found;
-  const double scale = scale_at_middle(h, target.size());
+// Shifts the first `max_anchors` anchors inside the frame.
+std::vector<PatchMatch> match_anchors(const Target& target, const Level& level,
+                                      const cv::Matx33d& h, std::size_t max_anchors, double reach,
+                                      int& visible) {
+  std::vector<PatchMatch> found;
+  const double scale = scale_at_center(h, target.size());
   const auto& levels = target.pyramid.levels;
   const auto k = static_cast<std::size_t>(std::clamp<long>(
       std::lround(-2 * std::log2(std::max(scale, 1e-6))), 0, static_cast<long>(levels.size()) - 1));
@@ -223,7 +224,7 @@ std::vector<Found> sight(const Target& target, const Level& level, const cv::Mat
   visible = 0;
   Patch patch;
   for (const cv::Point2f& anchor : target.anchors[k]) {
-    if (visible >= static_cast<int>(most)) break;
+    if (visible >= static_cast<int>(max_anchors)) break;
     const cv::Point2d p = geometry::mapped(h, anchor);
     if (!(p.x >= kSide / 2 && p.y >= kSide / 2 && p.x < level.width - kSide / 2 &&
           p.y < level.height - kSide / 2)) {
@@ -251,10 +252,10 @@ std::vector<Found> sight(const Target& target, const Level& level, const cv::Mat
   return found;
 }
 
-double covered_part(const std::vector<Sighting>& sightings, cv::Size size) {
-  if (sightings.size() < 3) return 0;
+double coverage_of(const std::vector<Correspondence>& correspondences, cv::Size size) {
+  if (correspondences.size() < 3) return 0;
   std::vector<cv::Point2f> points;
-  for (const Sighting& s : sightings) points.emplace_back(s.at);
+  for (const Correspondence& s : correspondences) points.emplace_back(s.at);
   std::vector<cv::Point2f> hull;
   cv::convexHull(points, hull);
   return cv::contourArea(hull) / (size.width * 1.0 * size.height);
@@ -262,39 +263,40 @@ double covered_part(const std::vector<Sighting>& sightings, cv::Size size) {
 
 // Shifts and fits several times on one level; refines the homography in `next`.
 void align_on_level(const Target& target, const Level& level, const AlignOptions& options,
-                    std::size_t patches, Alignment& next, LevelReport& report) {
+                    std::size_t patches, Alignment& next, LevelStats& report) {
   const cv::Size size = target.size();
   const cv::Matx33d grow(level.step_x, 0, 0.5 * level.step_x - 0.5, 0, level.step_y,
                          0.5 * level.step_y - 0.5, 0, 0, 1);
   for (int round = 0; round < options.rounds; ++round) {
     cv::Matx33d h = to_level(next.h, level);
     const double reach = round == 0 ? 5 : 3;
-    const std::vector<Found> found = sight(target, level, h, patches, reach, report.visible);
-    std::vector<Sighting> sightings;
-    for (const Found& f : found)
-      if (f.correlation >= options.good_match) sightings.push_back(f.sighting);
+    const std::vector<PatchMatch> found =
+        match_anchors(target, level, h, patches, reach, report.visible);
+    std::vector<Correspondence> correspondences;
+    for (const PatchMatch& f : found)
+      if (f.correlation >= options.min_correlation) correspondences.push_back(f.correspondence);
     HomographyFitOptions fit;
     fit.tolerance_px = round == 0 ? 4 : 2;
     fit.sigma_px = 0.5;
-    report.good = 0;
-    next.sightings.clear();
-    if (!fit_homography(h, size, sightings, fit)) continue;
+    report.inliers = 0;
+    next.correspondences.clear();
+    if (!fit_homography(h, size, correspondences, fit)) continue;
     fit.tolerance_px = 1.5;
-    static_cast<void>(fit_homography(h, size, sightings, fit));
+    static_cast<void>(fit_homography(h, size, correspondences, fit));
     double sum = 0;
-    for (Sighting s : sightings) {
+    for (Correspondence s : correspondences) {
       const double e = error_of(h, s);
       if (e > 1.2) continue;
-      ++report.good;
+      ++report.inliers;
       sum += e * e;
       s.seen = level.to_image(s.seen);
-      next.sightings.push_back(s);
+      next.correspondences.push_back(s);
     }
     next.h = grow * h;
     next.h = next.h * (1 / next.h(2, 2));
-    next.rms_px = report.good > 0 ? std::sqrt(sum / report.good) * level.step_x : 0;
+    next.rms_px = report.inliers > 0 ? std::sqrt(sum / report.inliers) * level.step_x : 0;
   }
-  report.covered = covered_part(next.sightings, size);
+  report.coverage = coverage_of(next.correspondences, size);
 }
 
 }  // namespace
@@ -305,34 +307,35 @@ Alignment align(const Target& target, const Pyramid& frame, const cv::Matx33d& s
   Alignment out;
   out.h = start;
   const cv::Size size = target.size();
-  const double side = scale_at_middle(start, size) * std::sqrt(size.width * 1.0 * size.height);
+  const double side = scale_at_center(start, size) * std::sqrt(size.width * 1.0 * size.height);
   const int finest = 2 * options.finest_level;
   double part = 0;  // share of good patches on the previous level
   for (int k = std::max(finest, coarsest_level(frame, side, options.coarsest_side)); k >= finest;
        k -= 2) {
     Alignment next;
     next.h = out.h;
-    LevelReport report;
+    LevelStats report;
     report.level = k;
     align_on_level(
         target, frame.levels[static_cast<std::size_t>(k)], options,
         static_cast<std::size_t>(k == finest ? options.fine_patches : options.coarse_patches), next,
         report);
     // If motion or defocus has removed the fine detail, the result of the coarser level is kept.
-    const bool spoilt = report.good < 4 || report.good < 0.3 * part * report.visible;
-    if (!spoilt || out.sightings.empty()) {
+    const bool is_degraded = report.inliers < 4 || report.inliers < 0.3 * part * report.visible;
+    if (!is_degraded || out.correspondences.empty()) {
       out.h = next.h;
-      out.sightings = std::move(next.sightings);
+      out.correspondences = std::move(next.correspondences);
       out.rms_px = next.rms_px;
-      out.standing = out.levels.size();
+      out.result_level = out.levels.size();
     }
-    part = std::max(part, static_cast<double>(report.good) / std::max(1, report.visible));
+    part = std::max(part, static_cast<double>(report.inliers) / std::max(1, report.visible));
     out.levels.push_back(report);
   }
-  out.side_px = scale_at_middle(out.h, size) * std::sqrt(size.width * 1.0 * size.height);
-  out.deviation_px = out.sightings.size() < 4
-                         ? std::numeric_limits<double>::infinity()
-                         : corner_deviation(out.h, size, out.sightings, std::max(out.rms_px, 0.3));
+  out.side_px = scale_at_center(out.h, size) * std::sqrt(size.width * 1.0 * size.height);
+  out.deviation_px =
+      out.correspondences.size() < 4
+          ? std::numeric_limits<double>::infinity()
+          : corner_deviation(out.h, size, out.correspondences, std::max(out.rms_px, 0.3));
   return out;
 }
 

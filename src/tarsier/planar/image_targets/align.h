@@ -18,8 +18,8 @@ struct AlignOptions {
   int finest_level = 0;    // in octaves of the frame: 1 stops at half the resolution
   int coarse_patches = 40;
   int fine_patches = 90;
-  int rounds = 2;           // rounds of shifting and fitting on each level
-  double good_match = 0.6;  // minimum correlation of an inlier patch
+  int rounds = 2;                // rounds of shifting and fitting on each level
+  double min_correlation = 0.6;  // minimum correlation of an inlier patch
 
   [[nodiscard]] OptionFields fields() {
     return {{"coarsest_side", coarsest_side, range(16, 1000)},
@@ -27,26 +27,26 @@ struct AlignOptions {
             {"coarse_patches", coarse_patches, range(8, 200)},
             {"fine_patches", fine_patches, range(8, 200)},
             {"rounds", rounds, range(1, 10)},
-            {"good_match", good_match, range(0, 1)}};
+            {"good_match", min_correlation, range(0, 1)}};
   }
   void check() const { check_fields(*this); }  // throws std::invalid_argument
 };
 
-struct LevelReport {
-  int level = 0;       // of the frame's pyramid
-  int visible = 0;     // patches inside the frame
-  int good = 0;        // of these, with a good match that agrees with the others
-  double covered = 0;  // share of the image that the good patches enclose
+struct LevelStats {
+  int level = 0;        // of the frame's pyramid
+  int visible = 0;      // patches inside the frame
+  int inliers = 0;      // of these, with a good match that agrees with the others
+  double coverage = 0;  // share of the image that the inliers enclose
 };
 
 struct Alignment {
-  cv::Matx33d h;                    // from px of the image to px of the frame
-  std::vector<Sighting> sightings;  // the good ones of the finest level
-  std::vector<LevelReport> levels;  // coarse to fine
-  std::size_t standing = 0;         // index of the level that gives the result, mostly the finest
-  double rms_px = 0;                // rms of the sightings
-  double deviation_px = 0;          // of the least certain corner; see corner_deviation()
-  double side_px = 0;               // square root of the target's area in the frame
+  cv::Matx33d h;                                // from px of the image to px of the frame
+  std::vector<Correspondence> correspondences;  // the good ones of the finest level
+  std::vector<LevelStats> levels;               // coarse to fine
+  std::size_t result_level = 0;  // index of the level that gives the result, mostly the finest
+  double rms_px = 0;             // rms of the sightings
+  double deviation_px = 0;       // of the least certain corner; see corner_deviation()
+  double side_px = 0;            // square root of the target's area in the frame
 };
 
 // `frame` is a pyramid of the frame; only its levels 0, 2, 4 .. are used. Throws

@@ -19,7 +19,7 @@ const cv::Scalar kBad(60, 60, 220);
 // agree with the detected position.
 void show_matches(DebugSink& debug, const Target& target, const FeatureSet& features,
                   const std::vector<Match>& matches, const cv::Mat& frame,
-                  const std::optional<FoundTarget>& found) {
+                  const std::optional<DetectedTarget>& found) {
   constexpr double kFits = 4;  // px of the frame
   cv::Mat shown(std::max(frame.rows, target.gray.rows), frame.cols + target.gray.cols, CV_8UC1,
                 cv::Scalar(255));
@@ -39,14 +39,14 @@ void show_matches(DebugSink& debug, const Target& target, const FeatureSet& feat
 }
 
 // Draws the aligned patches at their positions in the frame.
-void show_sightings(DebugSink& debug, const Target& target, const cv::Mat& frame,
-                    const FoundTarget& found) {
+void show_correspondences(DebugSink& debug, const Target& target, const cv::Mat& frame,
+                          const DetectedTarget& found) {
   cv::Mat shown;
   cv::cvtColor(frame, shown, cv::COLOR_GRAY2BGR);
   for (std::size_t i = 0; i < 4; ++i)
     cv::line(shown, found.corners[i], found.corners[(i + 1) % 4], kGood, 1, cv::LINE_AA);
-  for (const Sighting& sighting : found.sightings)
-    cv::circle(shown, sighting.seen, 3, kGood, 1, cv::LINE_AA);
+  for (const Correspondence& correspondence : found.correspondences)
+    cv::circle(shown, correspondence.seen, 3, kGood, 1, cv::LINE_AA);
   debug.image(fmt::format("patches of {}", target.name), shown);
 }
 
@@ -60,26 +60,26 @@ void DetectOptions::check() const {
 
 bool is_convincing(const Alignment& alignment, const DetectOptions& options) {
   if (alignment.levels.empty()) return false;
-  const LevelReport& last = alignment.levels[alignment.standing];
-  if (last.good < 0.8 * options.good_patches ||
-      last.good < 0.4 * options.good_part * last.visible ||
+  const LevelStats& last = alignment.levels[alignment.result_level];
+  if (last.inliers < 0.8 * options.min_inlier_patches ||
+      last.inliers < 0.4 * options.min_inlier_share * last.visible ||
       alignment.deviation_px > std::max(1.5, options.max_deviation * alignment.side_px)) {
     return false;
   }
-  return std::any_of(alignment.levels.begin(), alignment.levels.end(), [&](const LevelReport& l) {
-    return l.good >= options.good_patches && l.good >= options.good_part * l.visible &&
-           l.covered >= options.min_covered;
+  return std::any_of(alignment.levels.begin(), alignment.levels.end(), [&](const LevelStats& l) {
+    return l.inliers >= options.min_inlier_patches &&
+           l.inliers >= options.min_inlier_share * l.visible && l.coverage >= options.min_coverage;
   });
 }
 
-std::optional<FoundTarget> detect_target(const Target& target, const FeatureSet& features,
-                                         const Pyramid& pyramid, cv::Size frame,
-                                         const DetectOptions& options, DebugSink* debug) {
+std::optional<DetectedTarget> detect_target(const Target& target, const FeatureSet& features,
+                                            const Pyramid& pyramid, cv::Size frame,
+                                            const DetectOptions& options, DebugSink* debug) {
   const std::vector<Match> matches = match_features(features, target, options.match);
   const std::vector<Hypothesis> hypotheses =
-      find_hypotheses(features, target, matches, static_cast<std::size_t>(options.tries));
+      find_hypotheses(features, target, matches, static_cast<std::size_t>(options.max_hypotheses));
   const double min_area = options.min_side_px * options.min_side_px;
-  std::optional<FoundTarget> answer;
+  std::optional<DetectedTarget> answer;
   for (const Hypothesis& hypothesis : hypotheses) {
     if (!is_plausible(hypothesis.h, target.size(), frame, min_area)) continue;
     Alignment alignment = align(target, pyramid, hypothesis.h, {});
@@ -87,13 +87,13 @@ std::optional<FoundTarget> detect_target(const Target& target, const FeatureSet&
         !is_plausible(alignment.h, target.size(), frame, min_area)) {
       continue;
     }
-    FoundTarget found;
+    DetectedTarget found;
     found.homography = alignment.h;
-    found.sightings = std::move(alignment.sightings);
+    found.correspondences = std::move(alignment.correspondences);
     found.rms_px = alignment.rms_px;
-    for (const LevelReport& l : alignment.levels)
+    for (const LevelStats& l : alignment.levels)
       found.confidence =
-          std::max(found.confidence, static_cast<double>(l.good) / std::max(1, l.visible));
+          std::max(found.confidence, static_cast<double>(l.inliers) / std::max(1, l.visible));
     const auto corners = target.corners();
     for (std::size_t i = 0; i < 4; ++i)
       found.corners[i] = geometry::mapped(found.homography, corners[i]);
@@ -103,7 +103,7 @@ std::optional<FoundTarget> detect_target(const Target& target, const FeatureSet&
   if (debug != nullptr) {
     const cv::Mat gray = pyramid.levels.front().inner();
     show_matches(*debug, target, features, matches, gray, answer);
-    if (answer) show_sightings(*debug, target, gray, *answer);
+    if (answer) show_correspondences(*debug, target, gray, *answer);
   }
   return answer;
 }
@@ -117,10 +117,10 @@ void show_features(DebugSink& debug, const cv::Mat& gray, const FeatureSet& feat
   debug.image("features", shown);
 }
 
-void find_poses(FoundTarget& found, const Target& target, const geometry::Camera& camera) {
+void find_poses(DetectedTarget& found, const Target& target, const geometry::Camera& camera) {
   std::vector<cv::Point2d> plane;
   std::vector<cv::Point2d> pixels;
-  for (const Sighting& s : found.sightings) {
+  for (const Correspondence& s : found.correspondences) {
     plane.push_back(target.on_plane(s.at));
     pixels.push_back(s.seen);
   }
@@ -132,12 +132,12 @@ void find_poses(FoundTarget& found, const Target& target, const geometry::Camera
   found.poses = geometry::planar_poses(plane, pixels, camera);
 }
 
-std::vector<FoundTarget> detect_targets(const std::vector<Target>& targets, const cv::Mat& frame,
-                                        const DetectOptions& options,
-                                        const geometry::Camera* camera, DebugSink* debug) {
+std::vector<DetectedTarget> detect_targets(const std::vector<Target>& targets, const cv::Mat& frame,
+                                           const DetectOptions& options,
+                                           const geometry::Camera* camera, DebugSink* debug) {
   options.check();
   const cv::Mat gray = gray_of(frame);
-  std::vector<FoundTarget> all;
+  std::vector<DetectedTarget> all;
   const Pyramid pyramid = make_pyramid(gray, true);
   const FeatureSet features = find_features(pyramid, options.features);
   if (debug != nullptr) show_features(*debug, gray, features);

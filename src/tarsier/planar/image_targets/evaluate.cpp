@@ -21,15 +21,16 @@ using nlohmann::json;
 double rounded(double v, double steps) { return std::round(v * steps) / steps; }
 
 std::vector<double> numbers(const json& object, const char* name, const std::string& path,
-                            std::size_t least, std::size_t most) {
+                            std::size_t min_count, std::size_t max_count) {
   const json& list = member(object, name, path);
   std::vector<double> out;
-  if (list.is_array() && list.size() >= least && list.size() <= most) {
+  if (list.is_array() && list.size() >= min_count && list.size() <= max_count) {
     for (const json& v : list)
       if (v.is_number() && std::isfinite(v.get<double>())) out.push_back(v.get<double>());
     if (out.size() == list.size()) return out;
   }
-  throw InputError(path, fmt::format("'{}' is no list of {} to {} numbers", name, least, most));
+  throw InputError(path,
+                   fmt::format("'{}' is no list of {} to {} numbers", name, min_count, max_count));
 }
 
 geometry::Camera camera_of(const json& line, const std::string& path) {
@@ -59,7 +60,7 @@ nlohmann::ordered_json target_json(const Target& target, std::size_t id,
   out["name"] = target.name;
   auto& list = out["corners"] = nlohmann::ordered_json::array();
   for (const cv::Point2d& c : corners) list.push_back({rounded(c.x, 1e4), rounded(c.y, 1e4)});
-  const cv::Matx33d h = target.from_given_image(homography);
+  const cv::Matx33d h = target.from_original_image(homography);
   out["homography"] = std::vector<double>(h.val, h.val + 9);
   out["confidence"] = rounded(confidence, 1e3);
   if (pose != nullptr) {
@@ -110,7 +111,7 @@ void evaluate_planar(const std::string& truth_path, const PlanarOptions& options
     result.ms =
         std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     result.markers = nlohmann::ordered_json::array();
-    for (const FoundTarget& f : result.found)
+    for (const DetectedTarget& f : result.found)
       result.markers.push_back(target_json(targets[0], 0, f.homography, f.corners, f.confidence,
                                            f.poses ? &f.poses->best : nullptr));
     each(result);

@@ -27,10 +27,10 @@ struct PlanarOptions {
 };
 
 struct PlanarResult {
-  std::string image;               // path as in the truth file
-  std::vector<FoundTarget> found;  // at most one
-  nlohmann::ordered_json markers;  // the line's "markers": target_json with id 0
-  double ms = 0;                   // without file reading and training
+  std::string image;                  // path as in the truth file
+  std::vector<DetectedTarget> found;  // at most one
+  nlohmann::ordered_json markers;     // the line's "markers": target_json with id 0
+  double ms = 0;                      // without file reading and training
 };
 
 // Evaluates a file of truth lines {"image", "target", "K" (9 numbers), "dist" (5, 8 or none),

@@ -37,7 +37,7 @@ struct Candidate {
 };
 
 // Local 3x3 maxima of the determinant on one level, except in the border of 4 px.
-void find_maxima(const Level& level, double least, std::vector<Candidate>& out) {
+void find_maxima(const Level& level, double min_response, std::vector<Candidate>& out) {
   constexpr int kEdge = 4;
   const int n = level.width - 2 * (kEdge - 1);
   if (n < 3 || level.height < 2 * kEdge + 3) return;
@@ -53,7 +53,7 @@ void find_maxima(const Level& level, double least, std::vector<Candidate>& out) 
   };
   fill(kEdge - 1, rows[0]);
   fill(kEdge, rows[1]);
-  const int bound = static_cast<int>(std::min(16 * least * least, 1e9));
+  const int bound = static_cast<int>(std::min(16 * min_response * min_response, 1e9));
   for (int y = kEdge; y < level.height - kEdge; ++y) {
     fill(y + 1, rows[2]);
     kernel.maxima(rows[0], rows[1], rows[2], n, bound, is_maximum.data());
@@ -81,13 +81,13 @@ void find_maxima(const Level& level, double least, std::vector<Candidate>& out) 
   }
 }
 
-void keep_spread(const Level& level, std::size_t most, std::vector<Candidate>& candidates) {
+void keep_spread(const Level& level, std::size_t max_count, std::vector<Candidate>& candidates) {
   constexpr int kCell = 40;
   std::sort(candidates.begin(), candidates.end(), [](const Candidate& a, const Candidate& b) {
     if (a.response != b.response) return a.response > b.response;
     return a.y != b.y ? a.y < b.y : a.x < b.x;
   });
-  if (candidates.size() <= most) return;
+  if (candidates.size() <= max_count) return;
   const int columns = level.width / kCell + 1;
   std::vector<float> share(static_cast<std::size_t>(columns * (level.height / kCell + 1)), 1);
   for (Candidate& c : candidates) {
@@ -100,10 +100,10 @@ void keep_spread(const Level& level, std::size_t most, std::vector<Candidate>& c
     if (a.rank != b.rank) return a.rank > b.rank;
     return a.y != b.y ? a.y < b.y : a.x < b.x;
   };
-  const auto end = candidates.begin() + static_cast<std::ptrdiff_t>(most);
+  const auto end = candidates.begin() + static_cast<std::ptrdiff_t>(max_count);
   std::nth_element(candidates.begin(), end, candidates.end(), better);
   std::sort(candidates.begin(), end, better);
-  candidates.resize(most);
+  candidates.resize(max_count);
 }
 
 // The strongest gradient orientations around a point, at most two.
@@ -122,12 +122,12 @@ int find_directions(const Level& level, const Candidate& c, bool second, float o
   }
   int found = 0;
   float heights[2] = {};
-  const float most = *std::max_element(histogram, histogram + kDirections);
+  const float peak = *std::max_element(histogram, histogram + kDirections);
   for (int i = 0; i < kDirections; ++i) {
     const float a = histogram[(i + kDirections - 1) % kDirections];
     const float b = histogram[i];
     const float d = histogram[(i + 1) % kDirections];
-    if (b < 0.8F * most || b <= a || b < d) continue;
+    if (b < 0.8F * peak || b <= a || b < d) continue;
     const float bin = static_cast<float>(i) + 0.5F + 0.5F * (a - d) / (a - 2 * b + d);
     const float angle = bin * (6.28318531F / kDirections) - 3.14159274F;
     if (found == 2) {
@@ -161,7 +161,7 @@ const std::array<std::array<std::uint8_t, 2>, 64 * kSketchWords>& sketch_pairs()
   return table;
 }
 
-void describe(const Level& level, const Candidate& c, float angle, Description& out) {
+void describe(const Level& level, const Candidate& c, float angle, Descriptor& out) {
   const Kernels& kernel = kernels();
   const double dx = kSpacing * std::cos(angle);
   const double dy = kSpacing * std::sin(angle);
@@ -224,15 +224,16 @@ FeatureSet find_features(const Pyramid& pyramid, const FeatureOptions& options) 
   FeatureSet set;
   // The finest level has the most pixels and the most noise: quotas are proportional to the square
   // root of the area.
-  double whole = 0;
-  for (const Level& level : pyramid.levels) whole += std::sqrt(level.width * 1.0 * level.height);
+  double total = 0;
+  for (const Level& level : pyramid.levels) total += std::sqrt(level.width * 1.0 * level.height);
   for (std::size_t k = 0; k < pyramid.levels.size(); ++k) {
     const Level& level = pyramid.levels[k];
     if (level.width == 0) continue;
     std::vector<Candidate> candidates;
     find_maxima(level, options.contrast, candidates);
-    const double share = std::sqrt(level.width * 1.0 * level.height) / whole;
-    keep_spread(level, static_cast<std::size_t>(std::lround(options.most * share)), candidates);
+    const double share = std::sqrt(level.width * 1.0 * level.height) / total;
+    keep_spread(level, static_cast<std::size_t>(std::lround(options.max_features * share)),
+                candidates);
     for (const Candidate& c : candidates) {
       float angles[2];
       const int found = find_directions(level, c, options.second_directions, angles);
@@ -244,7 +245,7 @@ FeatureSet find_features(const Pyramid& pyramid, const FeatureOptions& options) 
         feature.response = c.response;
         feature.level = static_cast<int>(k);
         set.features.push_back(feature);
-        describe(level, c, angles[i], set.descriptions.emplace_back());
+        describe(level, c, angles[i], set.descriptors.emplace_back());
       }
     }
   }

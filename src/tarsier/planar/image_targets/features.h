@@ -59,25 +59,25 @@ struct Feature {
   int level = 0;
 };
 
-struct Description {
+struct Descriptor {
   Sketch sketch{};
   std::array<std::uint8_t, kDescriptorSize> values{};  // norm about 256
 };
 
 struct FeatureOptions {
-  int most = 1000;       // maximum number of points; a few have two orientations
-  double contrast = 12;  // grey levels: minimum square root of the Hessian's determinant
+  int max_features = 1000;  // maximum number of points; a few have two orientations
+  double contrast = 12;     // grey levels: minimum square root of the Hessian's determinant
   bool second_directions = true;
 
   [[nodiscard]] OptionFields fields() {
-    return {{"most", most, range(10, 100'000)}, {"contrast", contrast, range(1, 255)}};
+    return {{"most", max_features, range(10, 100'000)}, {"contrast", contrast, range(1, 255)}};
   }
   void check() const { check_fields(*this); }
 };
 
 struct FeatureSet {
   std::vector<Feature> features;
-  std::vector<Description> descriptions;  // of each feature
+  std::vector<Descriptor> descriptors;  // of each feature
 };
 
 // Keypoints are spread over the image: the score of a point is lowered for each stronger point in

@@ -48,12 +48,12 @@ cv::Matx33d centering(cv::Size size) {
 
 }  // namespace
 
-double error_of(const cv::Matx33d& h, const Sighting& s) {
+double error_of(const cv::Matx33d& h, const Correspondence& s) {
   const cv::Point2d d = s.seen - geometry::mapped(h, s.at);
   return std::sqrt(std::max(0.0, s.a * d.x * d.x + 2 * s.b * d.x * d.y + s.c * d.y * d.y));
 }
 
-bool fit_homography(cv::Matx33d& h, cv::Size size, std::span<const Sighting> sightings,
+bool fit_homography(cv::Matx33d& h, cv::Size size, std::span<const Correspondence> correspondences,
                     const HomographyFitOptions& options) {
   options.check();
   const cv::Matx33d normal = centering(size);
@@ -72,7 +72,7 @@ bool fit_homography(cv::Matx33d& h, cv::Size size, std::span<const Sighting> sig
     Matx88d m = Matx88d::zeros();
     Vec8d right = Vec8d::all(0);
     int count = 0;
-    for (const Sighting& s : sightings) {
+    for (const Correspondence& s : correspondences) {
       const double x = (s.at.x - mid_x) * radius;
       const double y = (s.at.y - mid_y) * radius;
       const double w = g(2, 0) * x + g(2, 1) * y + 1;
@@ -122,8 +122,9 @@ bool fit_homography(cv::Matx33d& h, cv::Size size, std::span<const Sighting> sig
   return true;
 }
 
-double corner_deviation(const cv::Matx33d& h, cv::Size size, std::span<const Sighting> sightings,
-                        double sigma_px, double perspective) {
+double corner_deviation(const cv::Matx33d& h, cv::Size size,
+                        std::span<const Correspondence> correspondences, double sigma_px,
+                        double perspective) {
   const cv::Matx33d normal = centering(size);
   cv::Matx33d g = h * normal.inv();
   g = g * (1 / g(2, 2));
@@ -142,7 +143,7 @@ double corner_deviation(const cv::Matx33d& h, cv::Size size, std::span<const Sig
     }
   };
   Matx88d m = Matx88d::zeros();
-  for (const Sighting& s : sightings) {
+  for (const Correspondence& s : correspondences) {
     double ju[8];
     double jv[8];
     rows(s.at, ju, jv);
@@ -155,7 +156,7 @@ double corner_deviation(const cv::Matx33d& h, cv::Size size, std::span<const Sig
   bool ok = false;
   const Matx88d covariance = m.inv(cv::DECOMP_CHOLESKY, &ok);
   if (!ok) return std::numeric_limits<double>::infinity();
-  double most = 0;
+  double max_variance = 0;
   const double w = size.width - 0.5;
   const double b = size.height - 0.5;
   for (const cv::Point2d corner :
@@ -166,9 +167,9 @@ double corner_deviation(const cv::Matx33d& h, cv::Size size, std::span<const Sig
     for (const auto& row : j)
       for (int i = 0; i < 8; ++i)
         for (int k = 0; k < 8; ++k) variance += row[i] * covariance(i, k) * row[k];
-    most = std::max(most, variance);
+    max_variance = std::max(max_variance, variance);
   }
-  return std::sqrt(most);
+  return std::sqrt(max_variance);
 }
 
 bool is_plausible(const cv::Matx33d& h, cv::Size size, cv::Size frame, double min_area_px) {

@@ -11,7 +11,7 @@
 namespace tarsier::planar::image_targets {
 
 // An observation of a point of the image.
-struct Sighting {
+struct Correspondence {
   cv::Point2d at;    // px of the image
   cv::Point2d seen;  // px of the frame
   // Information matrix (a, b; b, c), per square px. At a straight edge it has no information along
@@ -44,18 +44,18 @@ struct HomographyFitOptions {
 // perspective. Returns false, with `h` unchanged, if fewer than 3 sightings have weight or the
 // equations are singular. Throws std::invalid_argument for bad options.
 [[nodiscard]] bool fit_homography(cv::Matx33d& h, cv::Size size,
-                                  std::span<const Sighting> sightings,
+                                  std::span<const Correspondence> correspondences,
                                   const HomographyFitOptions& options);
 
 // Standard deviation, px of the frame, of the least certain corner of the image under `h`, if each
 // sighting has an error of `sigma_px`. It is large if the sightings do not constrain the homography
 // well. Infinite if they do not determine it.
 [[nodiscard]] double corner_deviation(const cv::Matx33d& h, cv::Size size,
-                                      std::span<const Sighting> sightings, double sigma_px,
-                                      double perspective = 0.15);
+                                      std::span<const Correspondence> correspondences,
+                                      double sigma_px, double perspective = 0.15);
 
 // Square root of the sighting's weighted squared error.
-[[nodiscard]] double error_of(const cv::Matx33d& h, const Sighting& sighting);
+[[nodiscard]] double error_of(const cv::Matx33d& h, const Correspondence& correspondence);
 
 // Whether the projected image is a convex quadrilateral of unchanged orientation in front of the
 // camera, with an area of at least `min_area_px` and no corner far outside the frame.

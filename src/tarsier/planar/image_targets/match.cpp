@@ -11,26 +11,26 @@
 namespace tarsier::planar::image_targets {
 namespace {
 
-// Reduces the candidates to about the `most` nearest.
-void keep_nearest(const std::vector<std::uint16_t>& distances, int n, int most,
+// Reduces the candidates to about the `max_count` nearest.
+void keep_nearest(const std::vector<std::uint16_t>& distances, int n, int max_count,
                   std::vector<std::int32_t>& index) {
   index.resize(static_cast<std::size_t>(n));
-  if (n <= most) return;
+  if (n <= max_count) return;
   std::array<int, 257> count{};
   for (int i = 0; i < n; ++i) ++count[distances[static_cast<std::size_t>(i)]];
   int limit = 0;
   for (int sum = 0; limit < 256; ++limit) {
     sum += count[static_cast<std::size_t>(limit)];
-    if (sum >= most) break;
+    if (sum >= max_count) break;
   }
   std::size_t kept = 0;
   for (std::size_t i = 0; i < static_cast<std::size_t>(n); ++i)
-    if (distances[i] <= limit && kept < 2 * static_cast<std::size_t>(most))
+    if (distances[i] <= limit && kept < 2 * static_cast<std::size_t>(max_count))
       index[kept++] = index[i];
   index.resize(kept);
 }
 
-struct Placed {
+struct AffineMatch {
   cv::Point2f at;    // image
   cv::Point2f seen;  // frame
   cv::Matx22f map;   // frame from image, linear part
@@ -46,15 +46,15 @@ cv::Matx22f inverse_of(const cv::Matx22f& m) {
   return {m(1, 1) * d, -m(0, 1) * d, -m(1, 0) * d, m(0, 0) * d};
 }
 
-std::vector<Placed> place_matches(const FeatureSet& frame, const Target& target,
-                                  const std::vector<Match>& matches) {
+std::vector<AffineMatch> affine_matches(const FeatureSet& frame, const Target& target,
+                                        const std::vector<Match>& matches) {
   const float cell = static_cast<float>(std::max(target.gray.cols, target.gray.rows)) / 48 + 1e-3F;
-  std::vector<Placed> placed;
-  placed.reserve(matches.size());
+  std::vector<AffineMatch> located;
+  located.reserve(matches.size());
   for (const Match& m : matches) {
     const Feature& f = frame.features[static_cast<std::size_t>(m.feature)];
     const TrainedFeature& t = target.features[static_cast<std::size_t>(m.trained)];
-    Placed p;
+    AffineMatch p;
     p.at = t.at;
     p.seen = f.at;
     const float c = f.scale * std::cos(f.angle);
@@ -65,22 +65,22 @@ std::vector<Placed> place_matches(const FeatureSet& frame, const Target& target,
     p.weight = 1.05F - m.ratio;
     p.image_cell = static_cast<int>(t.at.y / cell) * 50 + static_cast<int>(t.at.x / cell);
     p.feature = m.feature;
-    placed.push_back(p);
+    located.push_back(p);
   }
-  return placed;
+  return located;
 }
 
-bool agrees(const Placed& h, const Placed& m) {
+bool agrees(const AffineMatch& h, const AffineMatch& m) {
   const cv::Point2f d = m.at - h.at;
   const float x = h.map(0, 0) * d.x + h.map(0, 1) * d.y;
   const float y = h.map(1, 0) * d.x + h.map(1, 1) * d.y;
   const float ex = h.seen.x + x - m.seen.x;
   const float ey = h.seen.y + y - m.seen.y;
   const float error2 = ex * ex + ey * ey;
-  const float own = 2 * (h.scale + m.scale);
+  const float own_tolerance = 2 * (h.scale + m.scale);
   // (a + b)^2 <= 2 (a^2 + b^2): rejects most without a square root.
-  if (error2 > 2 * (0.22F * 0.22F * (x * x + y * y) + own * own)) return false;
-  const float tolerance = 0.22F * std::sqrt(x * x + y * y) + own;
+  if (error2 > 2 * (0.22F * 0.22F * (x * x + y * y) + own_tolerance * own_tolerance)) return false;
+  const float tolerance = 0.22F * std::sqrt(x * x + y * y) + own_tolerance;
   if (error2 > tolerance * tolerance) return false;
   // Scale and rotation: the inverse of h's map times m's map must be near the identity.
   const cv::Matx22f a = h.back * m.map;
@@ -100,13 +100,13 @@ struct Support {
 // Sums weights. Of matches to the same cell of the image and the same place of the frame, only the
 // first (best) counts.
 template <class Test>
-Support support_of(const std::vector<Placed>& placed, Test&& test) {
+Support support_of(const std::vector<AffineMatch>& located, Test&& test) {
   Support support;
   std::array<std::uint64_t, 40> cells{};
   int last[64];
   int n = 0;
-  for (std::size_t j = 0; j < placed.size(); ++j) {
-    const Placed& m = placed[j];
+  for (std::size_t j = 0; j < located.size(); ++j) {
+    const AffineMatch& m = located[j];
     if (!test(m)) continue;
     support.members.push_back(static_cast<int>(j));
     const auto cell = static_cast<std::size_t>(m.image_cell);
@@ -124,7 +124,7 @@ Support support_of(const std::vector<Placed>& placed, Test&& test) {
   return support;
 }
 
-cv::Matx33d affine_of(const Placed& p) {
+cv::Matx33d affine_of(const AffineMatch& p) {
   const auto a = cv::Matx22d(p.map);
   return {a(0, 0), a(0, 1), p.seen.x - a(0, 0) * p.at.x - a(0, 1) * p.at.y,
           a(1, 0), a(1, 1), p.seen.y - a(1, 0) * p.at.x - a(1, 1) * p.at.y,
@@ -140,15 +140,15 @@ double side_of(const cv::Matx33d& h, cv::Size size) {
 }
 
 // Fits an affine map, then a homography, each from the matches within the tolerance.
-void optimise(Hypothesis& hypothesis, Support support, const std::vector<Placed>& placed,
+void optimise(Hypothesis& hypothesis, Support support, const std::vector<AffineMatch>& located,
               cv::Size size) {
   for (int round = 0; round < 3; ++round) {
-    std::vector<Sighting> sightings;
+    std::vector<Correspondence> correspondences;
     for (const int j : support.members) {
-      const Placed& p = placed[static_cast<std::size_t>(j)];
+      const AffineMatch& p = located[static_cast<std::size_t>(j)];
       // Coarse features are less accurate.
       const double w = 1 / (1.0 + p.scale * p.scale / 4);
-      sightings.push_back({p.at, p.seen, w, 0, w});
+      correspondences.push_back({p.at, p.seen, w, 0, w});
     }
     cv::Matx33d h = hypothesis.h;
     const double side = side_of(h, size);
@@ -157,9 +157,9 @@ void optimise(Hypothesis& hypothesis, Support support, const std::vector<Placed>
     options.tolerance_px = std::max(6.0, side * (round == 0 ? 0.25 : 0.08));
     options.sigma_px = 1.5;
     options.iterations = 6;
-    if (!fit_homography(h, size, sightings, options)) return;
+    if (!fit_homography(h, size, correspondences, options)) return;
     const double near = std::max(4.0, side * (round == 0 ? 0.08 : 0.03));
-    Support next = support_of(placed, [&](const Placed& p) {
+    Support next = support_of(located, [&](const AffineMatch& p) {
       const cv::Point2d d = cv::Point2d(p.seen) - geometry::mapped(h, p.at);
       const double limit = near + p.scale;
       return d.dot(d) < limit * limit;
@@ -178,15 +178,16 @@ std::vector<Match> match_features(const FeatureSet& frame, const Target& target,
                                   const MatchOptions& options) {
   options.check();
   std::vector<Match> matches;
-  const std::size_t n = target.descriptions.size();
+  const std::size_t n = target.descriptors.size();
   if (n < 2) return matches;
   const Kernels& kernel = kernels();
   std::vector<std::uint16_t> bits(n);
   std::vector<std::int32_t> near;
-  const float apart = options.elsewhere * std::hypot(static_cast<float>(target.gray.cols),
-                                                     static_cast<float>(target.gray.rows));
+  const float min_distance =
+      options.min_separation *
+      std::hypot(static_cast<float>(target.gray.cols), static_cast<float>(target.gray.rows));
   for (std::size_t i = 0; i < frame.features.size(); ++i) {
-    const Description& d = frame.descriptions[i];
+    const Descriptor& d = frame.descriptors[i];
     near.resize(n);
     const int count =
         kernel.search(d.sketch, target.sketches.data(), static_cast<int>(n), options.max_bits,
@@ -194,61 +195,62 @@ std::vector<Match> match_features(const FeatureSet& frame, const Target& target,
     keep_nearest(bits, count, options.candidates, near);
     if (near.empty()) continue;
     int best = -1;
-    int least = std::numeric_limits<int>::max();
+    int nearest = std::numeric_limits<int>::max();
     std::array<int, 160> distances{};
     for (std::size_t k = 0; k < near.size(); ++k) {
       distances[k] = kernel.distance(
-          d.values.data(), target.descriptions[static_cast<std::size_t>(near[k])].values.data());
-      if (distances[k] < least) {
-        least = distances[k];
+          d.values.data(), target.descriptors[static_cast<std::size_t>(near[k])].values.data());
+      if (distances[k] < nearest) {
+        nearest = distances[k];
         best = near[k];
       }
     }
     const cv::Point2f at = target.features[static_cast<std::size_t>(best)].at;
     int other = -1;
-    int most = 0;
+    int farthest = 0;
     for (std::size_t k = 0; k < near.size(); ++k) {
-      most = std::max(most, distances[k]);
+      farthest = std::max(farthest, distances[k]);
       const cv::Point2f e = target.features[static_cast<std::size_t>(near[k])].at - at;
-      if (e.dot(e) < apart * apart) continue;
+      if (e.dot(e) < min_distance * min_distance) continue;
       if (other < 0 || distances[k] < other) other = distances[k];
     }
     // No candidate is at another place: the next one is at least as distant as the farthest
     // candidate, or as typical for a sketch at the limit.
     const double typical = 22000;
-    const double second = other >= 0 ? other : std::max<double>(most, typical);
-    const auto ratio = static_cast<float>(std::sqrt(least / std::max(1.0, second)));
+    const double second = other >= 0 ? other : std::max<double>(farthest, typical);
+    const auto ratio = static_cast<float>(std::sqrt(nearest / std::max(1.0, second)));
     if (ratio >= options.ratio) continue;
     matches.push_back(
-        {static_cast<std::int32_t>(i), best, ratio, std::sqrt(static_cast<float>(least))});
+        {static_cast<std::int32_t>(i), best, ratio, std::sqrt(static_cast<float>(nearest))});
   }
   std::stable_sort(matches.begin(), matches.end(),
                    [](const Match& a, const Match& b) { return a.ratio < b.ratio; });
-  if (matches.size() > options.most) matches.resize(options.most);
+  if (matches.size() > options.max_matches) matches.resize(options.max_matches);
   return matches;
 }
 
 std::vector<Hypothesis> find_hypotheses(const FeatureSet& frame, const Target& target,
-                                        const std::vector<Match>& matches, std::size_t most) {
-  const std::vector<Placed> placed = place_matches(frame, target, matches);
+                                        const std::vector<Match>& matches, std::size_t max_count) {
+  const std::vector<AffineMatch> located = affine_matches(frame, target, matches);
   struct Start {
     std::size_t match;
     double score;
   };
   std::vector<Start> starts;
   // The matches are sorted by ratio: if none of the first is right, later ones are not either.
-  for (std::size_t i = 0; i < std::min<std::size_t>(placed.size(), 200); ++i) {
-    const Support s = support_of(placed, [&](const Placed& m) { return agrees(placed[i], m); });
+  for (std::size_t i = 0; i < std::min<std::size_t>(located.size(), 200); ++i) {
+    const Support s =
+        support_of(located, [&](const AffineMatch& m) { return agrees(located[i], m); });
     if (s.distinct >= 3) starts.push_back({i, s.score});
   }
   std::stable_sort(starts.begin(), starts.end(),
                    [](const Start& a, const Start& b) { return a.score > b.score; });
-  starts.resize(std::min(starts.size(), 4 * most));
+  starts.resize(std::min(starts.size(), 4 * max_count));
   std::vector<Hypothesis> found;
   for (const Start& start : starts) {
-    const Placed& seed = placed[start.match];
+    const AffineMatch& seed = located[start.match];
     Hypothesis h{affine_of(seed), start.score, 0};
-    optimise(h, support_of(placed, [&](const Placed& m) { return agrees(seed, m); }), placed,
+    optimise(h, support_of(located, [&](const AffineMatch& m) { return agrees(seed, m); }), located,
              target.size());
     const auto same = [&](const Hypothesis& other) {
       double e = 0;
@@ -260,7 +262,7 @@ std::vector<Hypothesis> find_hypotheses(const FeatureSet& frame, const Target& t
   }
   std::stable_sort(found.begin(), found.end(),
                    [](const Hypothesis& a, const Hypothesis& b) { return a.score > b.score; });
-  if (found.size() > most) found.resize(most);
+  if (found.size() > max_count) found.resize(max_count);
   return found;
 }
 

@@ -5,7 +5,7 @@
 #include "tarsier/image/draw/shapes.h"
 #include "tarsier/image/draw/text.h"
 #include "tarsier/planar/image_targets/detect.h"
-#include "tarsier/planar/image_targets/rehearse.h"
+#include "tarsier/planar/image_targets/trials.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
@@ -17,10 +17,11 @@
 namespace tarsier::planar::image_targets {
 namespace {
 
-constexpr int kCells = 6;     // along the image's shorter side
-constexpr int kEnough = 120;  // number of features of a good image
-constexpr int kAlike = 3500;  // squared distance of descriptors that noise makes indistinguishable
-constexpr int kStood = 2;     // number of trials that a feature must pass
+constexpr int kCells = 6;               // along the image's shorter side
+constexpr int kGoodFeatureCount = 120;  // number of features of a good image
+constexpr int kMaxSimilarDistance =
+    3500;  // squared distance of descriptors that noise makes indistinguishable
+constexpr int kMinCorrectTrials = 2;  // number of trials that a feature must pass
 
 cv::Size cells_of(cv::Size size) {
   const double side = std::min(size.width, size.height) / static_cast<double>(kCells);
@@ -29,31 +30,31 @@ cv::Size cells_of(cv::Size size) {
 }
 
 // For each feature: whether another place of the image looks the same.
-std::vector<bool> find_alike(const Target& target) {
+std::vector<bool> find_repeated(const Target& target) {
   const auto n = target.features.size();
-  std::vector<bool> alike(n);
+  std::vector<bool> repeated(n);
   std::vector<std::int32_t> index(n);
   std::vector<std::uint16_t> bits(n);
   const Kernels& kernel = kernels();
-  const double apart = 0.06 * std::hypot(target.gray.cols, target.gray.rows);
+  const double min_separation = 0.06 * std::hypot(target.gray.cols, target.gray.rows);
   for (std::size_t i = 0; i < n; ++i) {
     const int count =
-        kernel.search(target.descriptions[i].sketch, target.sketches.data(), static_cast<int>(n),
-                      44, static_cast<int>(n), index.data(), bits.data());
-    for (int k = 0; k < count && !alike[i]; ++k) {
+        kernel.search(target.descriptors[i].sketch, target.sketches.data(), static_cast<int>(n), 44,
+                      static_cast<int>(n), index.data(), bits.data());
+    for (int k = 0; k < count && !repeated[i]; ++k) {
       const auto j = static_cast<std::size_t>(index[static_cast<std::size_t>(k)]);
       const cv::Point2f d = target.features[j].at - target.features[i].at;
-      alike[i] = d.dot(d) > apart * apart &&
-                 kernel.distance(target.descriptions[i].values.data(),
-                                 target.descriptions[j].values.data()) < kAlike;
+      repeated[i] = d.dot(d) > min_separation * min_separation &&
+                    kernel.distance(target.descriptors[i].values.data(),
+                                    target.descriptors[j].values.data()) < kMaxSimilarDistance;
     }
   }
-  return alike;
+  return repeated;
 }
 
 // The share of trials in which the target is detected at the correct position.
-double found_share(const Target& target, int trials, std::uint64_t seed,
-                   const std::stop_token& stop) {
+double detection_rate(const Target& target, int trials, std::uint64_t seed,
+                      const std::stop_token& stop) {
   if (trials <= 0) return 0;
   const DetectOptions options;
   int found = 0;
@@ -64,15 +65,15 @@ double found_share(const Target& target, int trials, std::uint64_t seed,
     const FeatureSet features = find_features(pyramid, options.features);
     const auto seen = detect_target(target, features, pyramid, view.gray.size(), options);
     if (!seen) continue;
-    double most = 0;
+    double max_error = 0;
     const auto corners = target.corners();
     double side = 0;
     for (std::size_t i = 0; i < 4; ++i) {
       const cv::Point2d truth = geometry::mapped(view.h, corners[i]);
-      most = std::max(most, cv::norm(seen->corners[i] - truth));
+      max_error = std::max(max_error, cv::norm(seen->corners[i] - truth));
       side += cv::norm(truth - geometry::mapped(view.h, corners[(i + 1) % 4])) / 4;
     }
-    if (most < std::max(3.0, 0.05 * side)) ++found;
+    if (max_error < std::max(3.0, 0.05 * side)) ++found;
   }
   return static_cast<double>(found) / trials;
 }
@@ -86,7 +87,7 @@ cv::Mat count_cells(const Target& target) {
   const cv::Size cells = cells_of(target.size());
   cv::Mat count(cells, CV_32S, cv::Scalar(0));
   for (const TrainedFeature& f : target.features) {
-    if (f.right < kStood) continue;
+    if (f.correct_matches < kMinCorrectTrials) continue;
     const int x = part_of(f.at.x, target.gray.cols, cells.width);
     const int y = part_of(f.at.y, target.gray.rows, cells.height);
     ++count.at<int>(y, x);
@@ -99,30 +100,31 @@ cv::Mat count_cells(const Target& target) {
 Quality rate_target(const Target& target, int trials, std::uint64_t seed,
                     const std::stop_token& stop) {
   Quality q;
-  std::vector<bool> place(48 * 48);
-  int stood = 0;
+  std::vector<bool> is_occupied(48 * 48);
+  int robust_features = 0;
   for (const TrainedFeature& f : target.features) {
-    if (f.right < kStood) continue;
+    if (f.correct_matches < kMinCorrectTrials) continue;
     const int x = part_of(f.at.x, target.gray.cols, 48);
     const int y = part_of(f.at.y, target.gray.rows, 48);
     const auto k = static_cast<std::size_t>(y * 48 + x);
-    if (!place[k]) ++stood;
-    place[k] = true;
+    if (!is_occupied[k]) ++robust_features;
+    is_occupied[k] = true;
   }
-  q.features = std::min(1.0, static_cast<double>(stood) / kEnough);
+  q.features = std::min(1.0, static_cast<double>(robust_features) / kGoodFeatureCount);
   const cv::Mat count = count_cells(target);
   q.spread = std::min(1.0, cv::countNonZero(count) / (0.8 * static_cast<double>(count.total())));
-  const std::vector<bool> alike = find_alike(target);
-  const auto twins = std::count(alike.begin(), alike.end(), true);
-  q.distinct =
-      alike.empty() ? 0 : 1 - static_cast<double>(twins) / static_cast<double>(alike.size());
-  q.repeatable = found_share(target, trials, seed, stop);
-  q.rating = q.repeatable * std::sqrt(std::min({q.features, q.spread, q.distinct}));
+  const std::vector<bool> repeated = find_repeated(target);
+  const auto repeated_count = std::count(repeated.begin(), repeated.end(), true);
+  q.distinct = repeated.empty()
+                   ? 0
+                   : 1 - static_cast<double>(repeated_count) / static_cast<double>(repeated.size());
+  q.repeatability = detection_rate(target, trials, seed, stop);
+  q.rating = q.repeatability * std::sqrt(std::min({q.features, q.spread, q.distinct}));
   if (q.features < 0.5)
     q.reasons.push_back(
         fmt::format("few features: {} places that stand tilt, blur and noise, {} "
                     "are enough; choose an image with more detail and contrast",
-                    stood, kEnough));
+                    robust_features, kGoodFeatureCount));
   if (q.spread < 0.6)
     q.reasons.push_back(
         fmt::format("bunched: {:.0f} % of the image has none",
@@ -130,8 +132,9 @@ Quality rate_target(const Target& target, int trials, std::uint64_t seed,
   if (q.distinct < 0.5)
     q.reasons.push_back(fmt::format("repetitive: {:.0f} % of the features look like another place",
                                     100 * (1 - q.distinct)));
-  if (q.repeatable < 0.7)
-    q.reasons.push_back(fmt::format("hard to find: in {:.0f} % of the trials", 100 * q.repeatable));
+  if (q.repeatability < 0.7)
+    q.reasons.push_back(
+        fmt::format("hard to find: in {:.0f} % of the trials", 100 * q.repeatability));
   return q;
 }
 
@@ -159,11 +162,11 @@ cv::Mat draw_quality(const Target& target) {
   const std::size_t level = std::min<std::size_t>(2, target.anchors.size() - 1);
   for (const cv::Point2f& p : target.anchors[level])
     image::draw::cross(image, at(p), cv::Scalar(230, 200, 60), 4);
-  const std::vector<bool> alike = find_alike(target);
+  const std::vector<bool> repeated = find_repeated(target);
   for (std::size_t i = 0; i < target.features.size(); ++i) {
     const TrainedFeature& f = target.features[i];
-    if (f.right < kStood) continue;
-    image::draw::point(image, at(f.at), alike[i] ? red : green, alike[i] ? 2.5 : 2);
+    if (f.correct_matches < kMinCorrectTrials) continue;
+    image::draw::point(image, at(f.at), repeated[i] ? red : green, repeated[i] ? 2.5 : 2);
   }
   const Quality& q = target.quality;
   const int panel = 112 + 22 * static_cast<int>(q.reasons.size());
@@ -176,7 +179,7 @@ cv::Mat draw_quality(const Target& target) {
                      value < 0.5 ? red : green, fmt::format("{} {:.2f}", name, value));
   };
   bar(0, "rating", q.rating);
-  bar(1, "found in the trials", q.repeatable);
+  bar(1, "found in the trials", q.repeatability);
   bar(2, "features", q.features);
   bar(3, "spread", q.spread);
   bar(4, "distinct", q.distinct);

@@ -12,7 +12,7 @@ namespace tarsier::planar::image_targets {
 
 // Rates how well a trained image can be detected and tracked, and gives reasons. The features are
 // counted, and their spread and their similarity to other places of the image are measured. Then
-// detection is tried on `trials` synthetic views (see rehearse()). Throws Interrupted.
+// detection is tried on `trials` synthetic views (see run_trials()). Throws Interrupted.
 [[nodiscard]] Quality rate_target(const Target& target, int trials, std::uint64_t seed,
                                   const std::stop_token& stop);
 

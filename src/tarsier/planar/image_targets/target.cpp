@@ -32,21 +32,21 @@ std::vector<cv::Point2f> find_anchors(const Level& level) {
   for (int y = kAnchorEdge; y < inner.rows - kAnchorEdge; ++y) {
     for (int x = kAnchorEdge; x < inner.cols - kAnchorEdge; ++x) {
       const float v = strength.at<float>(y, x);
-      bool most = v > 1e-7F;
-      for (int dy = -1; dy <= 1 && most; ++dy)
+      bool is_maximum = v > 1e-7F;
+      for (int dy = -1; dy <= 1 && is_maximum; ++dy)
         for (int dx = -1; dx <= 1; ++dx) {
           const float other = strength.at<float>(y + dy, x + dx);
-          if (other > v || (other == v && (dy < 0 || (dy == 0 && dx < 0)))) most = false;
+          if (other > v || (other == v && (dy < 0 || (dy == 0 && dx < 0)))) is_maximum = false;
         }
-      if (most) corners.push_back({x, y, v, 1e12F});
+      if (is_maximum) corners.push_back({x, y, v, 1e12F});
     }
   }
   std::stable_sort(corners.begin(), corners.end(),
                    [](const Corner& a, const Corner& b) { return a.strength > b.strength; });
   if (corners.size() > 20) {
     // Much weaker corners are lost in a camera's noise.
-    const float least = 0.03F * corners[20].strength;
-    std::erase_if(corners, [&](const Corner& c) { return c.strength < least; });
+    const float min_strength = 0.03F * corners[20].strength;
+    std::erase_if(corners, [&](const Corner& c) { return c.strength < min_strength; });
   }
   corners.resize(std::min<std::size_t>(corners.size(), 2000));
   for (std::size_t i = 1; i < corners.size(); ++i) {
@@ -75,9 +75,9 @@ std::array<cv::Point2d, 4> Target::corners() const {
   return {{{-0.5, -0.5}, {w, -0.5}, {w, h}, {-0.5, h}}};
 }
 
-cv::Matx33d Target::from_given_image(const cv::Matx33d& homography) const {
-  const double x = static_cast<double>(gray.cols) / given.width;
-  const double y = static_cast<double>(gray.rows) / given.height;
+cv::Matx33d Target::from_original_image(const cv::Matx33d& homography) const {
+  const double x = static_cast<double>(gray.cols) / original_size.width;
+  const double y = static_cast<double>(gray.rows) / original_size.height;
   const cv::Matx33d h = homography * cv::Matx33d(x, 0, 0.5 * x - 0.5, 0, y, 0.5 * y - 0.5, 0, 0, 1);
   return h * (1 / h(2, 2));
 }
@@ -87,16 +87,16 @@ cv::Point2d Target::on_plane(const cv::Point2d& image) const {
           (0.5 - (image.y + 0.5) / gray.rows) * height};
 }
 
-void complete(Target& target) {
+void compute_derived_members(Target& target) {
   require_gray(target.gray);
   target.pyramid = make_pyramid(target.gray, true, kMinSide);
   target.anchors.clear();
   for (const Level& level : target.pyramid.levels) target.anchors.push_back(find_anchors(level));
-  target.sketches.assign((target.descriptions.size() + 15) / 16, SketchBlock{});
+  target.sketches.assign((target.descriptors.size() + 15) / 16, SketchBlock{});
   for (std::size_t i = 0; i < target.sketches.size() * 16; ++i) {
-    const std::size_t from = i < target.descriptions.size() ? i : i / 16 * 16;
+    const std::size_t from = i < target.descriptors.size() ? i : i / 16 * 16;
     for (std::size_t w = 0; w < kSketchWords; ++w)
-      target.sketches[i / 16].words[w][i % 16] = target.descriptions[from].sketch[w];
+      target.sketches[i / 16].words[w][i % 16] = target.descriptors[from].sketch[w];
   }
 }
 

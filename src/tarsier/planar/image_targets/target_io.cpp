@@ -24,8 +24,8 @@ constexpr std::int64_t kMaxSide = 2000;  // px
 constexpr std::int64_t kSketchBytes = 8 * kSketchWords;
 
 json quality_json(const Quality& q) {
-  return {{"rating", q.rating},     {"features", q.features},     {"spread", q.spread},
-          {"distinct", q.distinct}, {"repeatable", q.repeatable}, {"reasons", q.reasons}};
+  return {{"rating", q.rating},     {"features", q.features},        {"spread", q.spread},
+          {"distinct", q.distinct}, {"repeatable", q.repeatability}, {"reasons", q.reasons}};
 }
 
 Quality read_quality(const json& value, const std::string& path) {
@@ -34,7 +34,7 @@ Quality read_quality(const json& value, const std::string& path) {
   q.features = number_member(value, "features", path, 0, 1);
   q.spread = number_member(value, "spread", path, 0, 1);
   q.distinct = number_member(value, "distinct", path, 0, 1);
-  q.repeatable = number_member(value, "repeatable", path, 0, 1);
+  q.repeatability = number_member(value, "repeatable", path, 0, 1);
   const json& reasons = member(value, "reasons", path);
   if (!reasons.is_array() || reasons.size() > 20)
     throw ModelError(path, "'reasons' is no list of up to 20 lines");
@@ -79,16 +79,16 @@ void read_features(const json& value, const std::string& path, Target& target) {
     const float area = std::fabs(f.frame(0, 0) * f.frame(1, 1) - f.frame(0, 1) * f.frame(1, 0));
     if (!(area > 1e-2F && area < 1e6F) || !(cv::norm(f.frame) < 1e4))
       throw ModelError(path, fmt::format("feature {} has no size", i));
-    f.right = right.values[i];
-    if (f.right < 0 || f.right > 1'000'000)
-      throw ModelError(path, fmt::format("feature {} was right {} times", i, f.right));
+    f.correct_matches = right.values[i];
+    if (f.correct_matches < 0 || f.correct_matches > 1'000'000)
+      throw ModelError(path, fmt::format("feature {} was right {} times", i, f.correct_matches));
     target.features.push_back(f);
-    Description d;
+    Descriptor d;
     std::copy_n(values.values.begin() + static_cast<std::ptrdiff_t>(i * kDescriptorSize),
                 kDescriptorSize, d.values.begin());
     for (std::size_t w = 0; w < kSketchWords; ++w)
       d.sketch[w] = take_word(bits.values.data() + i * kSketchBytes + 8 * w);
-    target.descriptions.push_back(d);
+    target.descriptors.push_back(d);
   }
 }
 
@@ -96,8 +96,8 @@ void read_features(const json& value, const std::string& path, Target& target) {
 
 void write_target(const std::string& path, const Target& target, const json& provenance) {
   require_gray(target.gray);
-  TARSIER_REQUIRE(target.features.size() == target.descriptions.size(), "{} features, {} described",
-                  target.features.size(), target.descriptions.size());
+  TARSIER_REQUIRE(target.features.size() == target.descriptors.size(), "{} features, {} described",
+                  target.features.size(), target.descriptors.size());
   const auto n = static_cast<std::int64_t>(target.features.size());
   PackedArray<std::uint8_t> image{{target.gray.rows, target.gray.cols}, {}};
   for (int r = 0; r < target.gray.rows; ++r)
@@ -112,8 +112,8 @@ void write_target(const std::string& path, const Target& target, const json& pro
     const TrainedFeature& f = target.features[i];
     points.values.insert(points.values.end(), {f.at.x, f.at.y});
     frames.values.insert(frames.values.end(), f.frame.val, f.frame.val + 4);
-    right.values.push_back(f.right);
-    const Description& d = target.descriptions[i];
+    right.values.push_back(f.correct_matches);
+    const Descriptor& d = target.descriptors[i];
     values.values.insert(values.values.end(), d.values.begin(), d.values.end());
     for (const std::uint64_t word : d.sketch) put_word(word, bits.values);
   }
@@ -124,7 +124,7 @@ void write_target(const std::string& path, const Target& target, const json& pro
   archive.payload = {{"name", target.name},
                      {"width", target.width},
                      {"height", target.height},
-                     {"given", {target.given.width, target.given.height}},
+                     {"given", {target.original_size.width, target.original_size.height}},
                      {"image", pack(image)},
                      {"points", pack(points)},
                      {"frames", pack(frames)},
@@ -152,7 +152,7 @@ Target read_target(const std::string& path) {
       throw ModelError(path, "'given' is no width and height of an image");
     }
   }
-  target.given = {given[0].get<int>(), given[1].get<int>()};
+  target.original_size = {given[0].get<int>(), given[1].get<int>()};
   const auto image = unpack<std::uint8_t>(member(value, "image", path), path, "image", {-1, -1});
   if (image.shape[0] < 8 || image.shape[1] < 8 || image.shape[0] > kMaxSide ||
       image.shape[1] > kMaxSide) {
@@ -168,7 +168,7 @@ Target read_target(const std::string& path) {
     throw ModelError(path, "'width' and 'height' do not fit the image's shape");
   read_features(value, path, target);
   target.quality = read_quality(member(value, "quality", path), path);
-  complete(target);
+  compute_derived_members(target);
   return target;
 }
 

@@ -36,11 +36,11 @@ const Target& poster() {
 
 synth::PlanarStill still(synth::PlanarLevel level, std::uint64_t seed, double hidden = 0) {
   synth::StillOptions options;
-  options.most = 1;
+  options.max_prints = 1;
   options.min_side_px = 100;
   options.max_side_px = 280;
   options.tilt_deg = 55;
-  options.part_hidden = hidden;
+  options.hidden_share = hidden;
   return synth::print_still({synth::poster_print(0, 5)}, options, level, seed);
 }
 
@@ -50,7 +50,7 @@ double corner_rms(const std::array<cv::Point2d, 4>& a, const std::array<cv::Poin
   return std::sqrt(sum / 4);
 }
 
-TEST(Target, IsFoundTurnedTiltedAndNoisyToAFractionOfAPixel) {
+TEST(Target, IsDetectedWithSubpixelAccuracy) {
   int found = 0;
   int shown = 0;
   std::vector<double> errors;
@@ -79,7 +79,7 @@ TEST(Target, IsFoundTurnedTiltedAndNoisyToAFractionOfAPixel) {
   EXPECT_LT(errors[errors.size() / 2], 0.5);
 }
 
-TEST(Target, IsFoundBehindAHand) {
+TEST(Target, IsDetectedWhenPartlyOccluded) {
   int found = 0;
   int shown = 0;
   for (std::uint64_t seed = 30; seed < 40; ++seed) {
@@ -93,7 +93,7 @@ TEST(Target, IsFoundBehindAHand) {
   EXPECT_GE(found, shown - 1);
 }
 
-TEST(Target, IsNotSeenWhereItIsNot) {
+TEST(Target, HasNoFalseDetections) {
   for (std::uint64_t seed = 0; seed < 6; ++seed) {
     EXPECT_TRUE(detect_targets({poster()}, synth::clutter_image(640, seed)).empty()) << seed;
     // Another poster in the same style.
@@ -102,14 +102,14 @@ TEST(Target, IsNotSeenWhereItIsNot) {
   }
 }
 
-TEST(Target, IsNotSeenInAMirror) {
+TEST(Target, IsNotDetectedWhenMirrored) {
   cv::Mat mirrored;
   cv::flip(synth::poster_print(0, 5).image, mirrored, 1);
   EXPECT_TRUE(detect_targets({poster()}, mirrored).empty());
   EXPECT_FALSE(detect_targets({poster()}, synth::poster_print(0, 5).image).empty());
 }
 
-TEST(Target, SeesTheSameTwice) {
+TEST(Target, DetectionIsDeterministic) {
   const synth::PlanarStill s = still(synth::PlanarLevel::kMedium, 3);
   const auto a = detect_targets({poster()}, s.image);
   const auto b = detect_targets({poster()}, s.image);
@@ -118,13 +118,13 @@ TEST(Target, SeesTheSameTwice) {
   for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(a[0].corners[i], b[0].corners[i]);
 }
 
-TEST(Target, TinyAndFlatFramesHaveNone) {
+TEST(Target, IsNotDetectedInTinyOrUniformFrames) {
   EXPECT_TRUE(detect_targets({poster()}, cv::Mat(8, 8, CV_8UC1, cv::Scalar(90))).empty());
   EXPECT_TRUE(detect_targets({poster()}, cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(0))).empty());
   EXPECT_THROW((void)detect_targets({poster()}, cv::Mat()), std::invalid_argument);
 }
 
-TEST(TargetQuality, TellsGoodImagesFromPoorOnes) {
+TEST(TargetQuality, SeparatesGoodFromPoorImages) {
   EXPECT_GT(poster().quality.rating, 0.6);
   EXPECT_TRUE(poster().quality.reasons.empty());
   TrainOptions options;
@@ -145,7 +145,7 @@ TEST(TargetQuality, TellsGoodImagesFromPoorOnes) {
   EXPECT_GT(drawn.rows, wall.rows);
 }
 
-TEST(TargetTraining, RefusesWhatIsNoImage) {
+TEST(TargetTraining, RejectsInvalidImages) {
   EXPECT_THROW((void)train_target(cv::Mat(), "x"), std::invalid_argument);
   EXPECT_THROW((void)train_target(cv::Mat(20, 200, CV_8UC1), "x"), std::invalid_argument);
   EXPECT_THROW((void)train_target(cv::Mat(40, 400, CV_8UC1), "x"), std::invalid_argument);
@@ -173,7 +173,7 @@ class TargetFile : public testing::Test {
   std::string path_;
 };
 
-TEST_F(TargetFile, ComesBackAsItWas) {
+TEST_F(TargetFile, RoundTripsTarget) {
   const Target back = read_target(path_);
   EXPECT_EQ(back.name, poster().name);
   EXPECT_EQ(back.width, poster().width);
@@ -187,7 +187,7 @@ TEST_F(TargetFile, ComesBackAsItWas) {
   for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(a[0].corners[i], b[0].corners[i]);
 }
 
-TEST_F(TargetFile, IsRefusedWhenItIsBroken) {
+TEST_F(TargetFile, IsRejectedWhenDamaged) {
   const nlohmann::json good = content();
   const auto refused = [&](auto&& spoil) {
     nlohmann::json bad = good;

@@ -36,12 +36,13 @@ Corners corners_of(const Target& target, const cv::Matx33d& h) {
 }
 
 // A sparse sampling of the target: grey values, and their positions under a predicted homography.
-struct Swarm {
+struct SparseTemplate {
   std::vector<float> value;
   std::vector<cv::Point> at;  // px of the level, with its margin
 };
 
-Swarm make_swarm(const Target& target, const Level& level, const cv::Matx33d& h) {
+SparseTemplate make_sparse_template(const Target& target, const Level& level,
+                                    const cv::Matx33d& h) {
   constexpr int kSide = 18;
   const double width = target.gray.cols;
   const double height = target.gray.rows;
@@ -49,7 +50,7 @@ Swarm make_swarm(const Target& target, const Level& level, const cv::Matx33d& h)
   const auto& levels = target.pyramid.levels;
   std::size_t k = 0;
   while (k + 1 < levels.size() && std::min(levels[k + 1].width, levels[k + 1].height) >= kSide) ++k;
-  Swarm swarm;
+  SparseTemplate sparse;
   for (int r = 0; r < kSide; ++r) {
     for (int c = 0; c < kSide; ++c) {
       const cv::Point2d p((c + 0.5) * width / kSide - 0.5, (r + 0.5) * height / kSide - 0.5);
@@ -59,26 +60,26 @@ Swarm make_swarm(const Target& target, const Level& level, const cv::Matx33d& h)
       const cv::Point2d t = levels[k].from_image(p);
       const int x = std::clamp(static_cast<int>(std::lround(t.x)), 0, levels[k].width - 1);
       const int y = std::clamp(static_cast<int>(std::lround(t.y)), 0, levels[k].height - 1);
-      swarm.value.push_back(levels[k].row(y)[x]);
-      swarm.at.push_back(at);
+      sparse.value.push_back(levels[k].row(y)[x]);
+      sparse.at.push_back(at);
     }
   }
-  return swarm;
+  return sparse;
 }
 
 // Correlation of the swarm's values with the level, shifted by (dx, dy); -1 if it leaves the level.
-double correlation(const Swarm& swarm, const Level& level, int dx, int dy) {
+double correlation(const SparseTemplate& sparse, const Level& level, int dx, int dy) {
   float a = 0;
   float b = 0;
   float aa = 0;
   float bb = 0;
   float ab = 0;
   int n = 0;
-  for (std::size_t i = 0; i < swarm.at.size(); ++i) {
-    const int x = swarm.at[i].x + dx;
-    const int y = swarm.at[i].y + dy;
+  for (std::size_t i = 0; i < sparse.at.size(); ++i) {
+    const int x = sparse.at[i].x + dx;
+    const int y = sparse.at[i].y + dy;
     if (x < 0 || y < 0 || x >= level.width || y >= level.height) continue;
-    const float u = swarm.value[i];
+    const float u = sparse.value[i];
     const float v = level.row(y)[x];
     a += u;
     b += v;
@@ -100,13 +101,13 @@ cv::Point2d search_shift(const Target& target, const Pyramid& frame, const cv::M
   std::size_t k = 0;
   while (k + 2 < frame.levels.size() && side / frame.levels[k + 2].step_x >= 20) k += 2;
   const Level& level = frame.levels[k];
-  const Swarm swarm = make_swarm(target, level, h);
+  const SparseTemplate sparse = make_sparse_template(target, level, h);
   const int reach = std::min(12, static_cast<int>(std::ceil(reach_px / level.step_x)));
-  double best = correlation(swarm, level, 0, 0) + 0.02;  // bonus of the predicted position
+  double best = correlation(sparse, level, 0, 0) + 0.02;  // bonus of the predicted position
   cv::Point shift;
   for (int dy = -reach; dy <= reach; ++dy) {
     for (int dx = -reach; dx <= reach; ++dx) {
-      const double c = correlation(swarm, level, dx, dy);
+      const double c = correlation(sparse, level, dx, dy);
       if (c > best) {
         best = c;
         shift = {dx, dy};
@@ -116,30 +117,30 @@ cv::Point2d search_shift(const Target& target, const Pyramid& frame, const cv::M
   return {shift.x * level.step_x, shift.y * level.step_y};
 }
 
-bool is_still_there(const Alignment& alignment, const TrackOptions& options) {
+bool is_still_tracked(const Alignment& alignment, const TrackOptions& options) {
   DetectOptions test = options.detect;
-  test.good_part = options.good_part;
-  test.good_patches = options.good_patches;
-  test.min_covered *= 0.5;
+  test.min_inlier_share = options.min_inlier_share;
+  test.min_inlier_patches = options.min_inlier_patches;
+  test.min_coverage *= 0.5;
   return is_convincing(alignment, test);
 }
 
-std::optional<Alignment> follow(const Target& target, const TrackOptions& options,
-                                const TrackState::One& last, const Pyramid& pyramid,
-                                cv::Size frame) {
-  const double least = options.detect.min_side_px * options.detect.min_side_px;
+std::optional<Alignment> track_target(const Target& target, const TrackOptions& options,
+                                      const TrackState::TargetTrack& last, const Pyramid& pyramid,
+                                      cv::Size frame) {
+  const double min_area = options.detect.min_side_px * options.detect.min_side_px;
   Corners predicted = last.corners;
   for (std::size_t i = 0; i < 4; ++i) predicted[i] += last.velocity[i];
   for (int attempt = 0; attempt < 2; ++attempt) {
     auto h = homography_to(target, attempt == 0 ? predicted : last.corners);
-    if (!h || !is_plausible(*h, target.size(), frame, least)) continue;
+    if (!h || !is_plausible(*h, target.size(), frame, min_area)) continue;
     const double side = side_of(last.corners);
     const cv::Point2d shift =
         search_shift(target, pyramid, *h, side, options.search_px * (attempt + 1));
     const cv::Matx33d start = cv::Matx33d(1, 0, shift.x, 0, 1, shift.y, 0, 0, 1) * *h;
     Alignment alignment = align(target, pyramid, start, options.align);
-    if (is_still_there(alignment, options) &&
-        is_plausible(alignment.h, target.size(), frame, least)) {
+    if (is_still_tracked(alignment, options) &&
+        is_plausible(alignment.h, target.size(), frame, min_area)) {
       return alignment;
     }
   }
@@ -149,19 +150,19 @@ std::optional<Alignment> follow(const Target& target, const TrackOptions& option
 // Low-pass filter whose strength falls with the motion: a measurement far from the smoothed
 // position is used unchanged, small jitter has little effect.
 void steady(const Corners& seen, double scale_px, Corners& smooth) {
-  double most = 0;
+  double max_squared = 0;
   for (std::size_t i = 0; i < 4; ++i) {
     const cv::Point2d d = seen[i] - smooth[i];
-    most = std::max(most, d.dot(d));
+    max_squared = std::max(max_squared, d.dot(d));
   }
-  const double part = std::max(0.08, most / (most + scale_px * scale_px));
+  const double part = std::max(0.08, max_squared / (max_squared + scale_px * scale_px));
   for (std::size_t i = 0; i < 4; ++i) smooth[i] += part * (seen[i] - smooth[i]);
 }
 
 // Estimates the pose from nine points of the print under the homography. They are as accurate as
 // all sightings, and as smooth as the homography.
 void update_pose(const Target& target, const geometry::Camera& camera, const cv::Matx33d& h,
-                 TrackState::One& one, TrackedTarget& out) {
+                 TrackState::TargetTrack& one, TrackedTarget& out) {
   std::vector<cv::Point2d> plane;
   std::vector<cv::Point2d> pixels;
   for (int r = 0; r < 3; ++r)
@@ -188,15 +189,15 @@ void update_pose(const Target& target, const geometry::Camera& camera, const cv:
 
 TrackedTarget report(const Target& target, const TrackOptions& options,
                      const geometry::Camera* camera, const cv::Matx33d& h, bool detected,
-                     TrackState::One& one) {
+                     TrackState::TargetTrack& one) {
   const Corners corners = corners_of(target, h);
-  if (detected || !one.followed) {
-    one = TrackState::One{};
+  if (detected || !one.is_tracked) {
+    one = TrackState::TargetTrack{};
     one.steady = corners;
   } else {
     for (std::size_t i = 0; i < 4; ++i) one.velocity[i] = corners[i] - one.corners[i];
   }
-  one.followed = true;
+  one.is_tracked = true;
   one.corners = corners;
   ++one.frames;
   TrackedTarget out;
@@ -215,11 +216,11 @@ TrackedTarget report(const Target& target, const TrackOptions& options,
   return out;
 }
 
-double fitting_part(const Alignment& alignment) {
-  double most = 0;
-  for (const LevelReport& l : alignment.levels)
-    most = std::max(most, static_cast<double>(l.good) / std::max(1, l.visible));
-  return most;
+double inlier_share(const Alignment& alignment) {
+  double best = 0;
+  for (const LevelStats& l : alignment.levels)
+    best = std::max(best, static_cast<double>(l.inliers) / std::max(1, l.visible));
+  return best;
 }
 
 }  // namespace
@@ -246,18 +247,18 @@ std::vector<TrackedTarget> track(const std::vector<Target>& targets, const Track
   bool any = false;
   bool just_lost = false;
   for (std::size_t i = 0; i < targets.size(); ++i) {
-    TrackState::One& one = state.targets[i];
-    if (!one.followed) continue;
+    TrackState::TargetTrack& one = state.targets[i];
+    if (!one.is_tracked) continue;
     if (pyramid.levels.empty()) pyramid = make_pyramid(gray, false, 30);
-    const auto alignment = follow(targets[i], options, one, pyramid, gray.size());
+    const auto alignment = track_target(targets[i], options, one, pyramid, gray.size());
     if (!alignment) {
-      one.followed = false;
+      one.is_tracked = false;
       just_lost = true;
       continue;
     }
     found[i] = report(targets[i], options, camera, alignment->h, false, one);
     found[i]->rms_px = alignment->rms_px;
-    found[i]->confidence = fitting_part(*alignment);
+    found[i]->confidence = inlier_share(*alignment);
     any = true;
   }
   const bool missing =

@@ -19,9 +19,10 @@ namespace tarsier::planar::image_targets {
 struct TrackOptions {
   DetectOptions detect;
   AlignOptions align;
-  double search_px = 40;   // maximum distance of a target from its predicted position, px
-  double good_part = 0.2;  // minimum share of inliers among the visible patches of a tracked target
-  int good_patches = 8;    // minimum number of inlier patches
+  double search_px = 40;  // maximum distance of a target from its predicted position, px
+  double min_inlier_share =
+      0.2;  // minimum share of inliers among the visible patches of a tracked target
+  int min_inlier_patches = 8;  // minimum number of inlier patches
   int detect_every = 8;    // frames between searches for missing targets while others are tracked
   double steady_px = 0.4;  // px; smaller motion is smoothed over time; 0 disables it
 
@@ -32,8 +33,8 @@ struct TrackOptions {
              "frames between searches for lost targets while others are tracked"},
             {"search_px", search_px, range(0, 400), "--search-px",
              "px, search radius around the predicted position of a target"},
-            {"good_part", good_part, range(0, 1)},
-            {"good_patches", good_patches, range(4, 100)}};
+            {"good_part", min_inlier_share, range(0, 1)},
+            {"good_patches", min_inlier_patches, range(4, 100)}};
   }
   void check() const;
 };
@@ -46,21 +47,21 @@ struct TrackedTarget {
   double confidence = 0;               // 0..1: share of inliers among the visible patches
   bool detected = false;               // detected in this frame, not tracked from the last one
   std::int64_t frames = 0;             // number of frames tracked so far, including this one
-  std::optional<geometry::PlanarPose> pose;  // with a camera: see FoundTarget
+  std::optional<geometry::PlanarPose> pose;  // with a camera: see DetectedTarget
 };
 
 // The state of one video. Starts empty. It holds for one list of targets and one frame size;
 // another size restarts it.
 struct TrackState {
-  struct One {
-    bool followed = false;
+  struct TargetTrack {
+    bool is_tracked = false;
     std::array<cv::Point2d, 4> corners;   // as measured in the last frame
     std::array<cv::Point2d, 4> velocity;  // px per frame
     std::array<cv::Point2d, 4> steady;    // smoothed
     std::optional<geometry::Rigid3> pose;
     std::int64_t frames = 0;
   };
-  std::vector<One> targets;
+  std::vector<TargetTrack> targets;
   std::int64_t frame = 0;
   cv::Size size;
 };

@@ -29,7 +29,7 @@ synth::PlanarVideo video(int prints, double speed) {
   synth::VideoOptions options;
   options.speed_px = speed;
   options.exposure = 0.35;
-  options.look.noise = 3;
+  options.imaging.noise = 3;
   std::vector<synth::PlanarPrint> list;
   for (int i = 0; i < prints; ++i) {
     list.push_back(synth::poster_print(i, 5));
@@ -44,7 +44,7 @@ double corner_rms(const std::array<cv::Point2d, 4>& a, const std::array<cv::Poin
   return std::sqrt(sum / 4);
 }
 
-TEST(TargetTracking, FollowsAMovingCameraWithoutDrift) {
+TEST(TargetTracking, TracksMovingCameraWithoutDrift) {
   const synth::PlanarVideo f = video(1, 25);
   TrackState state;
   const std::vector<Target> targets = {two_posters()[0]};
@@ -74,7 +74,7 @@ TEST(TargetTracking, FollowsAMovingCameraWithoutDrift) {
   EXPECT_LT(late, 1);
 }
 
-TEST(TargetTracking, FollowsSeveralAndTellsThemApart) {
+TEST(TargetTracking, TracksSeveralTargets) {
   const synth::PlanarVideo f = video(2, 12);
   TrackState state;
   int pairs = 0;
@@ -91,7 +91,7 @@ TEST(TargetTracking, FollowsSeveralAndTellsThemApart) {
   EXPECT_GE(pairs, 10);
 }
 
-TEST(TargetTracking, LosesAndFindsAgain) {
+TEST(TargetTracking, RedetectsAfterLoss) {
   const synth::PlanarVideo f = video(1, 20);
   const std::vector<Target> targets = {two_posters()[0]};
   TrackState state;
@@ -107,7 +107,7 @@ TEST(TargetTracking, LosesAndFindsAgain) {
   EXPECT_LT(corner_rms(again[0].corners, f.truth_at(1)[0].corners), 1);
 }
 
-TEST(TargetTracking, IsStillAtRest) {
+TEST(TargetTracking, IsSteadyAtRest) {
   const synth::PlanarVideo f = video(1, 25);
   const std::vector<Target> targets = {two_posters()[0]};
   // The same view many times with new noise, as of a camera on a tripod.
@@ -145,7 +145,7 @@ TEST(TargetTracking, IsStillAtRest) {
   EXPECT_LT(smooth, 0.3 * raw);
 }
 
-TEST(TargetTracking, AnotherSizeOfFrameStartsAnew) {
+TEST(TargetTracking, RestartsForAnotherFrameSize) {
   const synth::PlanarVideo f = video(1, 25);
   const std::vector<Target> targets = {two_posters()[0]};
   TrackState state;

@@ -4,7 +4,7 @@
 #include "tarsier/core/image.h"
 #include "tarsier/media/gray_image.h"
 #include "tarsier/planar/image_targets/quality.h"
-#include "tarsier/planar/image_targets/rehearse.h"
+#include "tarsier/planar/image_targets/trials.h"
 
 #include <opencv2/imgproc.hpp>
 
@@ -50,10 +50,10 @@ View tilted_view(const cv::Mat& gray, double tilt, double azimuth) {
   return view;
 }
 
-void add_view(Target& target, double tilt, double azimuth, int most) {
+void add_view(Target& target, double tilt, double azimuth, int max_features) {
   const View view = tilted_view(target.gray, tilt, azimuth);
   FeatureOptions options;
-  options.most = most;
+  options.max_features = max_features;
   options.contrast = 10;
   const FeatureSet set = find_features(make_pyramid(view.gray, true, 20), options);
   const cv::Matx22d a(view.from_image(0, 0), view.from_image(0, 1), view.from_image(1, 0),
@@ -75,7 +75,7 @@ void add_view(Target& target, double tilt, double azimuth, int most) {
     }
     target.features.push_back(
         {{static_cast<float>(p[0]), static_cast<float>(p[1])}, cv::Matx22f(frame), 0});
-    target.descriptions.push_back(set.descriptions[i]);
+    target.descriptors.push_back(set.descriptors[i]);
   }
 }
 
@@ -111,7 +111,7 @@ Target train_target(const cv::Mat& image, const std::string& name, const TrainOp
   target.name = name;
   target.width = options.width;
   target.height = options.width * image.rows / image.cols;
-  target.given = image.size();
+  target.original_size = image.size();
   target.gray = working_image(image, options.longer_side);
   add_view(target, 1, 0, options.frontal_features);
   if (options.tilted_features >= 10) {
@@ -120,11 +120,11 @@ Target train_target(const cv::Mat& image, const std::string& name, const TrainOp
     for (int k = 0; k < 6; ++k)
       add_view(target, 2.1, k * std::numbers::pi / 6, options.tilted_features * 3 / 4);
   }
-  complete(target);
+  compute_derived_members(target);
   if (options.trials > 0) {
-    const Rehearsal rehearsal = rehearse(target, options.trials, options.seed, stop);
-    keep_best(target, rehearsal, static_cast<std::size_t>(options.max_features));
-    complete(target);
+    const TrialResult result = run_trials(target, options.trials, options.seed, stop);
+    keep_best_features(target, result, static_cast<std::size_t>(options.max_features));
+    compute_derived_members(target);
   }
   // Uses other views than those that selected the features.
   target.quality = rate_target(target, options.trials, options.seed + 1, stop);

@@ -203,7 +203,7 @@ double correlation_inside(const MatrixXd& values, const Template& t, const Axis&
 // The homography's part of the normal equations with blur and light eliminated (Schur complement),
 // transformed from its parameters to the corners.
 bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3d& map,
-                        double middle, std::array<double, 64>& information) {
+                        double half_size, std::array<double, 64>& information) {
   const Eigen::Matrix<double, 8, 8> of_map = normal.topLeftCorner<8, 8>();
   const Eigen::Matrix<double, 8, kParameters - 8> mixed =
       normal.topRightCorner<8, kParameters - 8>();
@@ -221,11 +221,11 @@ bool corner_information(const Normal& normal, double noise, const Eigen::Matrix3
     const double y = signs(k, 1);
     Eigen::Matrix<double, 2, 8> moves;
     moves << x, y, 1, 0, 0, 0, -x * x, -x * y, 0, 0, 0, x, y, 1, -x * y, -y * y;
-    const Eigen::Vector3d p = map * Eigen::Vector3d(middle * (x + 1), middle * (y + 1), 1);
-    Eigen::Matrix2d by_place;
-    by_place << map(0, 0) - map(2, 0) * p.x() / p.z(), map(0, 1) - map(2, 1) * p.x() / p.z(),
+    const Eigen::Vector3d p = map * Eigen::Vector3d(half_size * (x + 1), half_size * (y + 1), 1);
+    Eigen::Matrix2d pixel_by_point;
+    pixel_by_point << map(0, 0) - map(2, 0) * p.x() / p.z(), map(0, 1) - map(2, 1) * p.x() / p.z(),
         map(1, 0) - map(2, 0) * p.y() / p.z(), map(1, 1) - map(2, 1) * p.y() / p.z();
-    jacobian.middleRows<2>(2 * k) = by_place * (middle / p.z()) * moves;
+    jacobian.middleRows<2>(2 * k) = pixel_by_point * (half_size / p.z()) * moves;
   }
   // Blur and noise differ slightly from the model, which limits the certainty of a corner.
   constexpr double kModel = 0.1;  // px
@@ -275,25 +275,25 @@ class Fit {
     const Row step = linalg::solve_symmetric(damped, right_);
     if (!step.allFinite()) return std::nullopt;
     // The marker warped by W resembles the image, so the map is composed with W^-1.
-    const double middle = 0.5 * size_;
+    const double half_size = 0.5 * size_;
     Eigen::Matrix3d warp;
     warp << 1 + step[0], step[1], step[2], step[3], 1 + step[4], step[5], step[6], step[7], 1;
     if (!(std::abs(warp.determinant()) > 0.1)) return std::nullopt;
     Eigen::Matrix3d to_halves;
-    to_halves << 1 / middle, 0, -1, 0, 1 / middle, -1, 0, 0, 1;
+    to_halves << 1 / half_size, 0, -1, 0, 1 / half_size, -1, 0, 0, 1;
     Eigen::Matrix3d from_halves;
-    from_halves << middle, 0, middle, 0, middle, middle, 0, 0, 1;
+    from_halves << half_size, 0, half_size, 0, half_size, half_size, 0, 0, 1;
     map_ = map_ * from_halves * warp.inverse() * to_halves;
     map_ /= map_(2, 2);
     blur_u_ = next_blur(blur_u_, step[8], cell_u_);
     blur_v_ = next_blur(blur_v_, step[9], cell_v_);
     // Slopes of light are in half sides from the centre there, and in cells here.
     Light change = step.tail<kLights>();
-    change.segment<2>(2) /= middle;
-    change[1] -= middle * (change[2] + change[3]);
+    change.segment<2>(2) /= half_size;
+    change[1] -= half_size * (change[2] + change[3]);
     light_ += change;
     if (!look()) return std::nullopt;
-    return step.head<8>().cwiseAbs().maxCoeff() * middle * std::max(cell_u_, cell_v_);
+    return step.head<8>().cwiseAbs().maxCoeff() * half_size * std::max(cell_u_, cell_v_);
   }
 
   [[nodiscard]] std::optional<Alignment> result(const Quad& start) const {
@@ -357,7 +357,7 @@ class Fit {
   }
   void linearize() {
     const double most = find_errors();
-    const double middle = 0.5 * size_;
+    const double half_size = 0.5 * size_;
     Eigen::Index used = 0;
     for (Eigen::Index i = 0; i < u_.at.size(); ++i) {
       for (Eigen::Index j = 0; j < v_.at.size(); ++j) {
@@ -368,10 +368,10 @@ class Fit {
         const auto weight = static_cast<float>(1 - share * share);  // it is used squared
         // Positions relative to the centre, in half sides, so that all parameters have similar
         // scales.
-        const auto x = static_cast<float>((u_.at[i] - middle) / middle);
-        const auto y = static_cast<float>((v_.at[j] - middle) / middle);
-        const auto gx = weight * static_cast<float>(light_[0] * template_.du(j, i) * middle);
-        const auto gy = weight * static_cast<float>(light_[0] * template_.dv(j, i) * middle);
+        const auto x = static_cast<float>((u_.at[i] - half_size) / half_size);
+        const auto y = static_cast<float>((v_.at[j] - half_size) / half_size);
+        const auto gx = weight * static_cast<float>(light_[0] * template_.du(j, i) * half_size);
+        const auto gy = weight * static_cast<float>(light_[0] * template_.dv(j, i) * half_size);
         const float inwards = -(gx * x + gy * y);
         const auto gain = weight * static_cast<float>(0.5 * light_[0]);
         float* row = rows_.col(used++).data();

@@ -30,7 +30,7 @@ struct Scene {
   }
 };
 
-TEST(Align, FindsCornersToAFewHundredthsOfAPixelAndTheBlur) {
+TEST(Align, EstimatesCornersAndBlur) {
   for (const double blur : {0.5, 1.0, 1.8}) {
     const Scene scene(blur, 220);
     const auto aligned = scene.align(0.8);
@@ -43,7 +43,7 @@ TEST(Align, FindsCornersToAFewHundredthsOfAPixelAndTheBlur) {
   }
 }
 
-TEST(Align, PaperMayEndACellFromTheMarker) {
+TEST(Align, AcceptsOneCellOfMargin) {
   const Scene scene(1, 60);
   const auto aligned = scene.align(0.8);
   ASSERT_TRUE(aligned);
@@ -56,7 +56,7 @@ TEST(Align, PaperMayEndACellFromTheMarker) {
 // noise these errors hardly occur; at high noise they nearly reach it (the noise alone would give
 // 2). The bounds are 5 standard deviations from the measured mean. So a covariance twice or half as
 // large fails.
-TEST(Align, TellsHowSurelyTheCornersAreKnown) {
+TEST(Align, InformationMatchesCornerErrors) {
   struct Case {
     double noise;
     double mean;
@@ -80,7 +80,7 @@ TEST(Align, TellsHowSurelyTheCornersAreKnown) {
   }
 }
 
-TEST(Align, IsNotMovedByAFingerOnTheMarker) {
+TEST(Align, IsRobustToOcclusion) {
   Scene scene;
   cv::circle(scene.gray, {72, 70}, 5, cv::Scalar(150), cv::FILLED);
   const auto aligned = scene.align(0.4);
@@ -88,7 +88,7 @@ TEST(Align, IsNotMovedByAFingerOnTheMarker) {
   EXPECT_LT(rmse(aligned->corners, scene.truth.corners), 0.15);
 }
 
-TEST(Align, AnotherMarkerDoesNotFit) {
+TEST(Align, HasLowCorrelationForAnotherMarker) {
   const Scene scene;
   const auto right = align_marker(scene.gray, scene.family.code(17), 6, scene.truth.corners, {});
   const auto wrong = align_marker(scene.gray, scene.family.code(18), 6, scene.truth.corners, {});
@@ -97,7 +97,7 @@ TEST(Align, AnotherMarkerDoesNotFit) {
   EXPECT_TRUE(!wrong || wrong->correlation < 0.6);
 }
 
-TEST(Align, NothingOutsideTheImage) {
+TEST(Align, ReturnsNothingOutsideImage) {
   const Scene scene;
   EXPECT_FALSE(align_marker(scene.gray, scene.family.code(17), 6, square(400, 300, 26, 0), {}));
 }

@@ -12,8 +12,9 @@
 namespace tarsier::planar::markers {
 namespace {
 
-constexpr double kChance = 0.005;
-constexpr double kBlurredChance = 0.02;  // the correlation of the whole marker decides
+constexpr double kMaxFalsePositiveProbability = 0.005;
+constexpr double kMaxBlurredFalsePositiveProbability =
+    0.02;  // the correlation of the whole marker decides
 
 Eigen::Vector2d center_of(const Quad& quad) { return (quad[0] + quad[1] + quad[2] + quad[3]) / 4; }
 
@@ -26,7 +27,7 @@ bool is_better(const Marker& a, const Marker& b) {
 
 // The cells match after `rotation` anticlockwise quarter turns, so the marker's own top left is
 // that many corners later.
-Quad turned(const Quad& quad, int rotation) {
+Quad rotated_quad(const Quad& quad, int rotation) {
   Quad result;
   for (std::size_t k = 0; k < 4; ++k)
     result[k] = quad[(k + static_cast<std::size_t>(rotation)) % 4];
@@ -36,22 +37,22 @@ Quad turned(const Quad& quad, int rotation) {
 Marker marker_of(const Match& match, const Quad& quad, const Cells& cells) {
   Marker marker;
   marker.id = match.id;
-  marker.corners = turned(quad, match.rotation);
+  marker.corners = rotated_quad(quad, match.rotation);
   marker.errors = match.errors;
   marker.contrast = cells.contrast;
   marker.margin = cells.margin;
   return marker;
 }
 
-void take(const Alignment& alignment, Marker& marker) {
+void apply_alignment(const Alignment& alignment, Marker& marker) {
   marker.corners = alignment.corners;
   marker.correlation = alignment.correlation;
   marker.information.assign(alignment.information.begin(), alignment.information.end());
 }
 
 // Maximum number of wrong cells for which random cells are accepted as a marker with a probability
-// of at most `chance`: markers * turns * sum_k<=e C(n^2, k) / 2^(n^2); at least 0.
-int tolerable_errors(const Dictionary& dictionary, double chance) {
+// of at most `max_probability`: markers * turns * sum_k<=e C(n^2, k) / 2^(n^2); at least 0.
+int max_tolerable_errors(const Dictionary& dictionary, double max_probability) {
   const int cells = dictionary.cells() * dictionary.cells();
   double ways = 1;  // C(cells, k)
   double sum = 1;
@@ -60,7 +61,7 @@ int tolerable_errors(const Dictionary& dictionary, double chance) {
   while (errors < cells) {
     ways *= static_cast<double>(cells - errors) / (errors + 1);
     sum += ways;
-    if (each * sum > chance) break;
+    if (each * sum > max_probability) break;
     ++errors;
   }
   return errors;
@@ -83,19 +84,19 @@ bool is_simple(Code code, int cells) {
 }
 
 // Whether a marker's correlation with the image is high enough.
-bool is_plausible(const Marker& marker, const Dictionary& dictionary, double least) {
-  constexpr double kSimple = 0.96;
+bool is_plausible(const Marker& marker, const Dictionary& dictionary, double min_correlation) {
+  constexpr double kMinSimpleCorrelation = 0.96;
   if (!is_simple(dictionary.code(marker.id), dictionary.cells()))
-    return marker.correlation >= least;
-  return marker.errors == 0 && marker.correlation >= kSimple;
+    return marker.correlation >= min_correlation;
+  return marker.errors == 0 && marker.correlation >= kMinSimpleCorrelation;
 }
 
 // Evidence of the cells against a marker: sum of the clarity of the wrong cells, divided by the
 // total.
-double objection(const Cells& cells, Code code, int rotation) {
+double mismatch(const Cells& cells, Code code, int rotation) {
   // The cells were turned anticlockwise to match, so the code is turned clockwise for the
   // comparison.
-  for (int turn = 0; turn < rotation; ++turn) code = turned_clockwise(code, cells.count);
+  for (int turn = 0; turn < rotation; ++turn) code = rotated_clockwise(code, cells.count);
   const auto all = cells.all();
   double sum = 0;
   for (std::size_t i = 0; i < all.size(); ++i) {
@@ -109,22 +110,23 @@ double objection(const Cells& cells, Code code, int rotation) {
 // their brightness. The one with the highest correlation wins if this is high enough.
 std::optional<Marker> read_blurred(const cv::Mat& gray, const Quad& quad, const Cells& cells,
                                    const Dictionary& dictionary, const DetectOptions& options) {
-  constexpr int kTried = 3;
+  constexpr int kCandidates = 3;
   constexpr float kSharpening = 1;
-  constexpr double kClearlyBetter = 0.03;
-  constexpr double kMaxObjection = 0.08;
+  constexpr double kMinCorrelationLead = 0.03;
+  constexpr double kMaxMismatch = 0.08;
   std::optional<Marker> best;
   double second = 0;
   const Cells sharp = sharpened(cells, kSharpening);
-  const int tolerated_errors = tolerable_errors(dictionary, kBlurredChance);
-  for (const Match& match : dictionary.nearest(sharp.all(), kTried)) {
+  const int tolerated_errors =
+      max_tolerable_errors(dictionary, kMaxBlurredFalsePositiveProbability);
+  for (const Match& match : dictionary.nearest(sharp.all(), kCandidates)) {
     if (match.errors > tolerated_errors) continue;
-    if (objection(cells, dictionary.code(match.id), match.rotation) > kMaxObjection) continue;
+    if (mismatch(cells, dictionary.code(match.id), match.rotation) > kMaxMismatch) continue;
     Marker marker = marker_of(match, quad, cells);
     const auto aligned = align_marker(gray, dictionary.code(match.id), dictionary.cells(),
                                       marker.corners, options.align);
     if (!aligned) continue;
-    take(*aligned, marker);
+    apply_alignment(*aligned, marker);
     if (!best || marker.correlation > best->correlation) {
       second = best ? best->correlation : second;
       best = marker;
@@ -132,7 +134,7 @@ std::optional<Marker> read_blurred(const cv::Mat& gray, const Quad& quad, const 
       second = std::max(second, marker.correlation);
     }
   }
-  if (!best || best->correlation < second + kClearlyBetter ||
+  if (!best || best->correlation < second + kMinCorrelationLead ||
       !is_plausible(*best, dictionary, options.decode.min_blurred_correlation))
     return std::nullopt;
   return best;
@@ -148,10 +150,11 @@ std::optional<Marker> read_marker(const cv::Mat& gray, Quad quad, const Dictiona
   const auto cells = read_cells(gray, quad, n, options.decode.min_contrast);
   if (!cells) return std::nullopt;
   const bool is_small = size_of(quad) < options.align_below_px;
-  const int mend = std::min(
+  const int max_errors = std::min(
       options.decode.max_errors >= 0 ? options.decode.max_errors : dictionary.correctable() / 2 + 1,
-      std::min(dictionary.correctable(), tolerable_errors(dictionary, kChance)));
-  const auto match = dictionary.match(cells->read, mend, cells->unknown);
+      std::min(dictionary.correctable(),
+               max_tolerable_errors(dictionary, kMaxFalsePositiveProbability)));
+  const auto match = dictionary.match(cells->read, max_errors, cells->unknown);
   if (!match || cells->frame_errors > options.decode.frame_errors) {
     if (!is_small || cells->frame_errors > 2.5 * options.decode.frame_errors) return std::nullopt;
     return read_blurred(gray, quad, *cells, dictionary, options);
@@ -162,10 +165,11 @@ std::optional<Marker> read_marker(const cv::Mat& gray, Quad quad, const Dictiona
     const auto aligned =
         align_marker(gray, dictionary.code(match->id), n, marker.corners, options.align);
     if (!aligned) return std::nullopt;
-    Marker whole = marker;
-    take(*aligned, whole);
-    if (!is_plausible(whole, dictionary, options.decode.min_correlation)) return std::nullopt;
-    if (is_small) return whole;
+    Marker aligned_marker = marker;
+    apply_alignment(*aligned, aligned_marker);
+    if (!is_plausible(aligned_marker, dictionary, options.decode.min_correlation))
+      return std::nullopt;
+    if (is_small) return aligned_marker;
   }
   // Refines a second time from the new edges.
   refine.reach_px = std::min(refine.reach_px, 2.0);

@@ -17,8 +17,8 @@ std::vector<Marker> detect(const cv::Mat& gray, const Dictionary& family) {
   return detect_markers(gray, family, {}, workspace);
 }
 
-void expect_found(const cv::Mat& gray, const Dictionary& family,
-                  const std::vector<DrawnMarker>& drawn, double within_px) {
+void expect_detected(const cv::Mat& gray, const Dictionary& family,
+                     const std::vector<DrawnMarker>& drawn, double within_px) {
   const auto found = detect(gray, family);
   ASSERT_EQ(found.size(), drawn.size());
   for (std::size_t i = 0; i < found.size(); ++i) {
@@ -27,7 +27,7 @@ void expect_found(const cv::Mat& gray, const Dictionary& family,
   }
 }
 
-TEST(Detector, FindsMarkersOfEveryFamilyInEveryTurn) {
+TEST(Detector, DetectsEveryFamilyInEveryRotation) {
   for (const std::string& name : dictionary_names()) {
     const Dictionary& family = find_dictionary(name);
     cv::Mat gray(240, 480, CV_8UC1, cv::Scalar(130));
@@ -37,11 +37,11 @@ TEST(Detector, FindsMarkersOfEveryFamilyInEveryTurn) {
     for (const DrawnMarker& marker : drawn) draw_marker(gray, family, marker);
     add_noise(gray, 3, 1);
     SCOPED_TRACE(name);
-    expect_found(gray, family, drawn, 0.12);
+    expect_detected(gray, family, drawn, 0.12);
   }
 }
 
-TEST(Detector, FindsSmallOnesAndLargeOnes) {
+TEST(Detector, DetectsSmallAndLargeMarkers) {
   const Dictionary& family = find_dictionary("aruco-original");
   for (const double side : {14.0, 18.0, 300.0, 700.0}) {
     cv::Mat gray(1000, 1000, CV_8UC1, cv::Scalar(130));
@@ -49,11 +49,11 @@ TEST(Detector, FindsSmallOnesAndLargeOnes) {
     draw_marker(gray, family, drawn[0]);
     add_noise(gray, 2, 2);
     SCOPED_TRACE(side);
-    expect_found(gray, family, drawn, side < 20 ? 0.3 : 0.1);
+    expect_detected(gray, family, drawn, side < 20 ? 0.3 : 0.1);
   }
 }
 
-TEST(Detector, FindsThemInGradientsShadowsAndTheDark) {
+TEST(Detector, ToleratesGradientsShadowsAndLowLight) {
   const Dictionary& family = find_dictionary("36h11");
   cv::Mat gray(240, 320, CV_8UC1, cv::Scalar(130));
   const std::vector<DrawnMarker> drawn{{5, square(90, 120, 70, 10)}, {6, square(230, 120, 70, 50)}};
@@ -68,10 +68,10 @@ TEST(Detector, FindsThemInGradientsShadowsAndTheDark) {
     }
   }
   add_noise(gray, 2, 3);
-  expect_found(gray, family, drawn, 0.4);
+  expect_detected(gray, family, drawn, 0.4);
 }
 
-TEST(Detector, ReadsWhatMotionHasBlurred) {
+TEST(Detector, ReadsMotionBlurredMarkers) {
   const Dictionary& family = find_dictionary("36h11");
   cv::Mat gray(120, 160, CV_8UC1, cv::Scalar(90));
   const DrawnMarker drawn{42, square(80, 60, 36, 15)};
@@ -79,10 +79,10 @@ TEST(Detector, ReadsWhatMotionHasBlurred) {
   cv::Mat blurred;
   cv::blur(gray, blurred, {7, 1});
   add_noise(blurred, 5, 4);
-  expect_found(blurred, family, {drawn}, 0.5);
+  expect_detected(blurred, family, {drawn}, 0.5);
 }
 
-TEST(Detector, MendsCellsThatAreHidden) {
+TEST(Detector, CorrectsHiddenCells) {
   const Dictionary& family = find_dictionary("36h11");
   cv::Mat gray(200, 200, CV_8UC1, cv::Scalar(130));
   const DrawnMarker drawn{100, square(100, 100, 120, 0)};
@@ -95,7 +95,7 @@ TEST(Detector, MendsCellsThatAreHidden) {
   EXPECT_LT(rmse(found[0].corners, drawn.corners), 0.1);
 }
 
-TEST(Detector, FindsTwoOfTheSameId) {
+TEST(Detector, DetectsTwoMarkersOfOneId) {
   const Dictionary& family = find_dictionary("6x6_250");
   cv::Mat gray(160, 320, CV_8UC1, cv::Scalar(130));
   const std::vector<DrawnMarker> drawn{{9, square(80, 80, 60, 5)}, {9, square(240, 80, 40, 190)}};
@@ -103,7 +103,7 @@ TEST(Detector, FindsTwoOfTheSameId) {
   EXPECT_EQ(detect(gray, family).size(), 2U);
 }
 
-TEST(Detector, IsNotFooledByMirrorsOtherFamiliesBoardsAndNoise) {
+TEST(Detector, HasNoFalseDetections) {
   const Dictionary& family = find_dictionary("36h11");
   cv::Mat gray(240, 320, CV_8UC1, cv::Scalar(130));
   draw_marker(gray, family, {5, square(160, 120, 120, 10)});
@@ -130,7 +130,7 @@ TEST(Detector, IsNotFooledByMirrorsOtherFamiliesBoardsAndNoise) {
   }
 }
 
-TEST(Detector, AtTheEdgeOfTheImageAndInImagesOfAnySize) {
+TEST(Detector, HandlesImageEdgesAndAnyImageSize) {
   const Dictionary& family = find_dictionary("36h11");
   cv::Mat gray(200, 200, CV_8UC1, cv::Scalar(220));
   draw_marker(gray, family, {3, square(34, 100, 60, 0)});

@@ -41,7 +41,7 @@ int number_of_ones(Code code) {
 
 }  // namespace
 
-Code turned_clockwise(Code code, int cells) {
+Code rotated_clockwise(Code code, int cells) {
   Code result = 0;
   for (int y = 0; y < cells; ++y)
     for (int x = 0; x < cells; ++x) {
@@ -64,22 +64,23 @@ Dictionary::Dictionary(std::string name, int cells, std::vector<Code> codes)
 }
 
 void Dictionary::index() {
-  turned_.reserve(codes_.size() * 4);
+  rotated_codes_.reserve(codes_.size() * 4);
   for (std::size_t id = 0; id < codes_.size(); ++id) {
     Code code = codes_[id];
     for (std::uint32_t turn = 0; turn < 4; ++turn) {
-      turned_.push_back({code, static_cast<std::uint32_t>(id) * 4 + turn});
-      code = turned_clockwise(code, cells_);
+      rotated_codes_.push_back({code, static_cast<std::uint32_t>(id) * 4 + turn});
+      code = rotated_clockwise(code, cells_);
     }
   }
   // Only the other marker is turned: turning both changes nothing.
   distance_ = cells_ * cells_;
   for (std::size_t id = 0; id < codes_.size(); ++id)
-    for (std::size_t other = id * 4 + 1; other < turned_.size(); ++other)
-      distance_ = std::min(distance_, number_of_ones(codes_[id] ^ turned_[other].code));
-  std::sort(turned_.begin(), turned_.end(), [](const Turned& a, const Turned& b) {
-    return a.code != b.code ? a.code < b.code : a.id_and_turn < b.id_and_turn;
-  });
+    for (std::size_t other = id * 4 + 1; other < rotated_codes_.size(); ++other)
+      distance_ = std::min(distance_, number_of_ones(codes_[id] ^ rotated_codes_[other].code));
+  std::sort(rotated_codes_.begin(), rotated_codes_.end(),
+            [](const RotatedCode& a, const RotatedCode& b) {
+              return a.code != b.code ? a.code < b.code : a.id_and_rotation < b.id_and_rotation;
+            });
 }
 
 Code Dictionary::code(int id) const {
@@ -89,25 +90,25 @@ Code Dictionary::code(int id) const {
 }
 
 std::optional<Match> Dictionary::match(Code read, int max_errors, Code unknown) const {
-  const auto match_of = [](const Turned& turned, int errors) {
-    return Match{static_cast<int>(turned.id_and_turn / 4), static_cast<int>(turned.id_and_turn % 4),
-                 errors};
+  const auto match_of = [](const RotatedCode& rotated, int errors) {
+    return Match{static_cast<int>(rotated.id_and_rotation / 4),
+                 static_cast<int>(rotated.id_and_rotation % 4), errors};
   };
   if (unknown == 0) {  // most are read without an error
-    const auto [first, last] =
-        std::ranges::equal_range(turned_, read, {}, [](const Turned& t) { return t.code; });
+    const auto [first, last] = std::ranges::equal_range(
+        rotated_codes_, read, {}, [](const RotatedCode& t) { return t.code; });
     if (last - first == 1 && max_errors >= 0) return match_of(*first, 0);
   }
   int best = cells_ * cells_ + 1;
-  const Turned* found = nullptr;
+  const RotatedCode* found = nullptr;
   bool tie = false;
   const Code compared = ~unknown;
-  for (const Turned& turned : turned_) {
-    const int errors = number_of_ones((turned.code ^ read) & compared);
+  for (const RotatedCode& rotated : rotated_codes_) {
+    const int errors = number_of_ones((rotated.code ^ read) & compared);
     if (errors > best) continue;
     tie = errors == best;
     best = errors;
-    found = &turned;
+    found = &rotated;
   }
   if (found == nullptr || tie || best > max_errors) return std::nullopt;
   return match_of(*found, best);
@@ -128,21 +129,21 @@ std::vector<Match> Dictionary::nearest(std::span<const float> brightness, int co
       table[byte] += ((byte >> (bit % 8)) & 1U) != 0 ? value : -value;
   }
   const std::size_t bytes = (brightness.size() + 7) / 8;
-  std::vector<std::pair<float, const Turned*>> best;
+  std::vector<std::pair<float, const RotatedCode*>> best;
   const auto is_better = [](const auto& a, const auto& b) { return a.first > b.first; };
-  for (const Turned& turned : turned_) {
+  for (const RotatedCode& rotated : rotated_codes_) {
     float sum = 0;
-    for (std::size_t k = 0; k < bytes; ++k) sum += sums[k][(turned.code >> (8 * k)) & 0xFFU];
-    const std::pair<float, const Turned*> entry(sum, &turned);
+    for (std::size_t k = 0; k < bytes; ++k) sum += sums[k][(rotated.code >> (8 * k)) & 0xFFU];
+    const std::pair<float, const RotatedCode*> entry(sum, &rotated);
     if (static_cast<int>(best.size()) == count && !is_better(entry, best.back())) continue;
     best.insert(std::upper_bound(best.begin(), best.end(), entry, is_better), entry);
     if (static_cast<int>(best.size()) > count) best.pop_back();
   }
   std::vector<Match> matches;
-  for (const auto& [sum, turned] : best)
-    matches.push_back({static_cast<int>(turned->id_and_turn / 4),
-                       static_cast<int>(turned->id_and_turn % 4),
-                       number_of_ones(turned->code ^ signs)});
+  for (const auto& [sum, rotated] : best)
+    matches.push_back({static_cast<int>(rotated->id_and_rotation / 4),
+                       static_cast<int>(rotated->id_and_rotation % 4),
+                       number_of_ones(rotated->code ^ signs)});
   return matches;
 }
 

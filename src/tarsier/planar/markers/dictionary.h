@@ -59,15 +59,15 @@ class Dictionary {
   int cells_;
   std::vector<Code> codes_;
   int distance_ = 0;
-  struct Turned {
+  struct RotatedCode {
     Code code;
-    std::uint32_t id_and_turn;  // id * 4 + turn
+    std::uint32_t id_and_rotation;  // id * 4 + turn
   };
-  std::vector<Turned> turned_;  // every code in its four rotations, sorted by code
+  std::vector<RotatedCode> rotated_codes_;  // every code in its four rotations, sorted by code
 };
 
 // The cells after a clockwise quarter turn of the image.
-[[nodiscard]] Code turned_clockwise(Code code, int cells);
+[[nodiscard]] Code rotated_clockwise(Code code, int cells);
 
 // The names that find_dictionary() knows: "aruco-original", "4x4_50" .. "7x7_1000", "16h5", "25h9",
 // "36h10", "36h11".

@@ -8,7 +8,7 @@
 namespace tarsier::planar::markers {
 namespace {
 
-TEST(Dictionary, FindsEveryMarkerOfEveryFamilyInEveryTurn) {
+TEST(Dictionary, MatchesEveryCodeInEveryRotation) {
   for (const std::string& name : dictionary_names()) {
     const Dictionary& dictionary = find_dictionary(name);
     for (int id = 0; id < dictionary.size(); id += 7) {
@@ -18,14 +18,14 @@ TEST(Dictionary, FindsEveryMarkerOfEveryFamilyInEveryTurn) {
         ASSERT_TRUE(match) << name << ' ' << id << ' ' << turn;
         EXPECT_EQ(match->id, id) << name;
         EXPECT_EQ(match->rotation, turn) << name;
-        code = turned_clockwise(code, dictionary.cells());
+        code = rotated_clockwise(code, dictionary.cells());
       }
       EXPECT_EQ(code, dictionary.code(id));
     }
   }
 }
 
-TEST(Dictionary, KnowsThePublishedDistances) {
+TEST(Dictionary, HasPublishedDistances) {
   EXPECT_EQ(find_dictionary("16h5").distance(), 5);
   EXPECT_EQ(find_dictionary("25h9").distance(), 9);
   EXPECT_EQ(find_dictionary("36h10").distance(), 10);
@@ -35,7 +35,7 @@ TEST(Dictionary, KnowsThePublishedDistances) {
   EXPECT_EQ(find_dictionary("orig").cells(), 5);
 }
 
-TEST(Dictionary, MendsWrongCellsUpToHalfTheDistance) {
+TEST(Dictionary, CorrectsWrongCellsUpToHalfTheDistance) {
   const Dictionary& dictionary = find_dictionary("36h11");
   EXPECT_EQ(dictionary.correctable(), 5);
   const Code wrong = dictionary.code(100) ^ 0x801041020ULL;
@@ -46,7 +46,7 @@ TEST(Dictionary, MendsWrongCellsUpToHalfTheDistance) {
   EXPECT_EQ(match->errors, 5);
 }
 
-TEST(Dictionary, LeavesOutUnknownCellsAndRefusesTies) {
+TEST(Dictionary, IgnoresUnknownCellsAndRejectsTies) {
   const Dictionary dictionary("own", 3, {0b100'000'000, 0b110'010'000});
   // No bit is known: all markers are equal.
   EXPECT_FALSE(dictionary.match(0b100'000'000, 1, 0b111'111'111));
@@ -55,7 +55,7 @@ TEST(Dictionary, LeavesOutUnknownCellsAndRefusesTies) {
   EXPECT_EQ(match->id, 1);
 }
 
-TEST(Dictionary, RefusesUnknownNamesAndIds) {
+TEST(Dictionary, RejectsUnknownNamesAndIds) {
   EXPECT_THROW((void)find_dictionary("8x8"), UsageError);
   EXPECT_THROW((void)find_dictionary(""), UsageError);
   EXPECT_THROW((void)find_dictionary("36h11").code(587), std::invalid_argument);

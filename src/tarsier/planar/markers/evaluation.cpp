@@ -28,10 +28,10 @@ struct BadLine {
   std::string reason;
 };
 
-std::vector<double> numbers_of(const json& value, std::size_t least, std::size_t most,
+std::vector<double> numbers_of(const json& value, std::size_t min_count, std::size_t max_count,
                                std::string_view name) {
-  if (!value.is_array() || value.size() < least || value.size() > most)
-    throw BadLine{fmt::format("\"{}\" needs {} numbers", name, least)};
+  if (!value.is_array() || value.size() < min_count || value.size() > max_count)
+    throw BadLine{fmt::format("\"{}\" needs {} numbers", name, min_count)};
   std::vector<double> numbers;
   for (const json& number : value) {
     if (!number.is_number() || !std::isfinite(number.get<double>()))
@@ -47,24 +47,24 @@ const json& member(const json& object, const char* name) {
   return *it;
 }
 
-std::string text_of(const json& object, const char* name, bool is_needed) {
+std::string text_of(const json& object, const char* name, bool is_required) {
   const auto it = object.find(name);
-  if (it == object.end() && !is_needed) return "";
+  if (it == object.end() && !is_required) return "";
   if (it == object.end() || !it->is_string()) throw BadLine{fmt::format("\"{}\" is no text", name)};
   return it->get<std::string>();
 }
 
-double number_of(const json& object, const char* name, double otherwise) {
+double number_of(const json& object, const char* name, double default_value) {
   const auto it = object.find(name);
-  if (it == object.end() || it->is_null()) return otherwise;
+  if (it == object.end() || it->is_null()) return default_value;
   if (!it->is_number() || !std::isfinite(it->get<double>()))
     throw BadLine{fmt::format("\"{}\" is no number", name)};
   return it->get<double>();
 }
 
-JudgedMarker marker_of(const json& object) {
+MarkerRecord marker_of(const json& object) {
   if (!object.is_object()) throw BadLine{"a marker is no object"};
-  JudgedMarker marker;
+  MarkerRecord marker;
   const double id = number_of(object, "id", -1);
   if (id < 0 || id > 1e6 || id != std::floor(id)) throw BadLine{"a marker's \"id\" is none"};
   marker.id = static_cast<int>(id);
@@ -85,10 +85,10 @@ JudgedMarker marker_of(const json& object) {
   return marker;
 }
 
-std::vector<JudgedMarker> markers_of(const json& line) {
+std::vector<MarkerRecord> markers_of(const json& line) {
   const json& list = member(line, "markers");
   if (!list.is_array() || list.size() > 10000) throw BadLine{"\"markers\" is no list"};
-  std::vector<JudgedMarker> markers;
+  std::vector<MarkerRecord> markers;
   for (const json& marker : list) markers.push_back(marker_of(marker));
   return markers;
 }
@@ -142,7 +142,7 @@ double quantile_of(std::vector<double> values, double share) {
   return quantile(values, share);
 }
 
-double mean_distance(const JudgedMarker& found, const JudgedMarker& truth, std::size_t turn) {
+double mean_distance(const MarkerRecord& found, const MarkerRecord& truth, std::size_t turn) {
   double sum = 0;
   for (std::size_t k = 0; k < 4; ++k)
     sum += cv::norm(found.corners[(k + turn) % 4] - truth.corners[k]);
@@ -155,8 +155,8 @@ double degrees_between(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) {
 
 }  // namespace
 
-JudgedMarker judged(const Marker& marker, const std::optional<MarkerPose>& pose) {
-  JudgedMarker result;
+MarkerRecord record_of(const Marker& marker, const std::optional<MarkerPose>& pose) {
+  MarkerRecord result;
   result.id = marker.id;
   for (std::size_t k = 0; k < 4; ++k)
     result.corners[k] = {marker.corners[k].x(), marker.corners[k].y()};
@@ -171,44 +171,44 @@ std::vector<MarkerTruth> read_marker_truth(const std::string& path) {
   return truth;
 }
 
-std::map<std::string, FoundInImage> read_found_markers(const std::string& path) {
-  std::map<std::string, FoundInImage> found;
+std::map<std::string, ImageDetections> read_detected_markers(const std::string& path) {
+  std::map<std::string, ImageDetections> found;
   read_lines(path, [&](const json& line) {
-    FoundInImage& entry = found[text_of(line, "image", true)];
+    ImageDetections& entry = found[text_of(line, "image", true)];
     entry.markers = markers_of(line);
     if (line.contains("ms")) entry.ms = number_of(line, "ms", 0);
   });
   return found;
 }
 
-void MarkerJudge::add(const MarkerTruth& truth, std::span<const JudgedMarker> found,
-                      std::optional<double> ms) {
+void MarkerEvaluator::add(const MarkerTruth& truth, std::span<const MarkerRecord> found,
+                          std::optional<double> ms) {
   ++counts_.images;
   if (ms) ms_.push_back(*ms);
   auto& level = counts_.levels[truth.level];
   counts_.truth += static_cast<int>(truth.markers.size());
   level.second += static_cast<int>(truth.markers.size());
-  std::vector<bool> is_taken(truth.markers.size(), false);
-  for (const JudgedMarker& marker : found) {
-    const JudgedMarker* right = nullptr;
-    bool is_turned = false;
+  std::vector<bool> is_matched(truth.markers.size(), false);
+  for (const MarkerRecord& marker : found) {
+    const MarkerRecord* right = nullptr;
+    bool is_rotated = false;
     for (std::size_t i = 0; i < truth.markers.size() && right == nullptr; ++i) {
-      const JudgedMarker& there = truth.markers[i];
-      if (is_taken[i] || there.id != marker.id) continue;
+      const MarkerRecord& there = truth.markers[i];
+      if (is_matched[i] || there.id != marker.id) continue;
       const double limit = std::max(3.0, tolerance_ * there.side_px);
       if (mean_distance(marker, there, 0) < limit) {
-        is_taken[i] = true;
+        is_matched[i] = true;
         right = &there;
       }
       for (std::size_t turn = 1; turn < 4 && right == nullptr; ++turn)
-        is_turned = is_turned || mean_distance(marker, there, turn) < limit;
+        is_rotated = is_rotated || mean_distance(marker, there, turn) < limit;
     }
     if (right == nullptr) {
-      ++counts_.wrong;
-      counts_.turned += is_turned ? 1 : 0;
+      ++counts_.false_positives;
+      counts_.rotated += is_rotated ? 1 : 0;
       continue;
     }
-    ++counts_.found;
+    ++counts_.true_positives;
     ++level.first;
     double squares = 0;
     for (std::size_t k = 0; k < 4; ++k) {
@@ -225,7 +225,7 @@ void MarkerJudge::add(const MarkerTruth& truth, std::span<const JudgedMarker> fo
   }
 }
 
-MarkerScore MarkerJudge::score() const {
+MarkerScore MarkerEvaluator::score() const {
   constexpr double kFlip = 15;  // degrees
   MarkerScore score = counts_;
   score.corner_px = quantile_of(corner_px_, 0.5);

@@ -12,8 +12,8 @@
 namespace tarsier::planar::markers {
 namespace {
 
-JudgedMarker marker_at(int id, double x, double y, double side) {
-  JudgedMarker marker;
+MarkerRecord marker_at(int id, double x, double y, double side) {
+  MarkerRecord marker;
   marker.id = id;
   marker.corners = {cv::Point2d(x, y), {x + side, y}, {x + side, y + side}, {x, y + side}};
   marker.side_px = side;
@@ -23,26 +23,26 @@ JudgedMarker marker_at(int id, double x, double y, double side) {
   return marker;
 }
 
-TEST(MarkerJudge, CountsFoundMissedWrongAndTurned) {
+TEST(MarkerEvaluator, CountsPositivesAndRotatedMarkers) {
   MarkerTruth truth;
   truth.level = "easy";
   truth.markers = {marker_at(1, 10, 10, 40), marker_at(2, 100, 10, 40), marker_at(3, 200, 10, 40)};
-  JudgedMarker exact = marker_at(1, 10.3, 10.4, 40);
+  MarkerRecord exact = marker_at(1, 10.3, 10.4, 40);
   exact.pose->translation = {0, 0, 2.1};
-  JudgedMarker turned = marker_at(2, 100, 10, 40);
+  MarkerRecord turned = marker_at(2, 100, 10, 40);
   std::rotate(turned.corners.begin(), turned.corners.begin() + 1, turned.corners.end());
   // More than a fifth of its side away.
-  const JudgedMarker elsewhere = marker_at(3, 215, 10, 40);
-  const JudgedMarker again = marker_at(1, 10, 10, 40);  // the true marker was already found
-  MarkerJudge judge;
-  judge.add(truth, std::vector<JudgedMarker>{exact, turned, elsewhere, again}, 4.0);
-  judge.add({}, {}, 2.0);
-  const MarkerScore score = judge.score();
+  const MarkerRecord elsewhere = marker_at(3, 215, 10, 40);
+  const MarkerRecord again = marker_at(1, 10, 10, 40);  // the true marker was already found
+  MarkerEvaluator evaluator;
+  evaluator.add(truth, std::vector<MarkerRecord>{exact, turned, elsewhere, again}, 4.0);
+  evaluator.add({}, {}, 2.0);
+  const MarkerScore score = evaluator.score();
   EXPECT_EQ(score.images, 2);
   EXPECT_EQ(score.truth, 3);
-  EXPECT_EQ(score.found, 1);
-  EXPECT_EQ(score.wrong, 3);
-  EXPECT_EQ(score.turned, 1);
+  EXPECT_EQ(score.true_positives, 1);
+  EXPECT_EQ(score.false_positives, 3);
+  EXPECT_EQ(score.rotated, 1);
   EXPECT_NEAR(score.corner_px, 0.5, 1e-9);
   EXPECT_NEAR(score.distance_percent, 5, 1e-9);
   EXPECT_EQ(score.flips_percent, 0);
@@ -50,7 +50,7 @@ TEST(MarkerJudge, CountsFoundMissedWrongAndTurned) {
   EXPECT_EQ(score.levels.at("easy"), (std::pair{1, 3}));
 }
 
-TEST(MarkerTruth, IsReadAndBadLinesAreNamed) {
+TEST(MarkerTruth, IsParsedAndErrorsNameTheLine) {
   const TemporaryFolder folder;
   const std::string path = folder / "truth.jsonl";
   const std::string good =
@@ -90,12 +90,12 @@ TEST(MarkerTruth, IsReadAndBadLinesAreNamed) {
   EXPECT_THROW((void)read_marker_truth(folder / "none"), InputError);
 }
 
-TEST(FoundMarkers, MayHaveNoPoses) {
+TEST(DetectedMarkers, MayHaveNoPoses) {
   const TemporaryFolder folder;
   const std::string path = folder / "found.jsonl";
   std::ofstream(path) << R"({"image":"a.png","markers":[{"id":4,"corners":[[1,2],[3,4],[5,6],)"
                       << R"([7,8]],"rvec":null,"tvec":null}],"ms":1.5})";
-  const auto found = read_found_markers(path);
+  const auto found = read_detected_markers(path);
   EXPECT_FALSE(found.at("a.png").markers.at(0).pose);
   EXPECT_EQ(found.at("a.png").ms, 1.5);
 }

@@ -33,9 +33,9 @@ void tile_extremes(const cv::Mat& gray, const Tiles& tiles, Bytes& lows, Bytes& 
   highs.resize(lows.size());
   // The extremes of the columns of one row of tiles, padded to whole tiles.
   const std::size_t columns = size(gray.cols);
-  const std::size_t whole = size(tiles.columns * kTile);
-  Bytes low_row(whole);
-  Bytes high_row(whole);
+  const std::size_t padded_width = size(tiles.columns * kTile);
+  Bytes low_row(padded_width);
+  Bytes high_row(padded_width);
   // Local pointers, so that the compiler can exclude aliasing with the written bytes.
   auto* const low = low_row.data();
   auto* const high = high_row.data();
@@ -51,13 +51,13 @@ void tile_extremes(const cv::Mat& gray, const Tiles& tiles, Bytes& lows, Bytes& 
         high[x] = std::max(high[x], line[x]);
       }
     }
-    for (std::size_t x = columns; x < whole; ++x) {
+    for (std::size_t x = columns; x < padded_width; ++x) {
       low[x] = low[x - 1];
       high[x] = high[x - 1];
     }
     auto* to_low = lows.data() + size(row) * size(tiles.columns);
     auto* to_high = highs.data() + size(row) * size(tiles.columns);
-    for (std::size_t i = 0; i < whole / kTile; ++i) {
+    for (std::size_t i = 0; i < padded_width / kTile; ++i) {
       const auto* a = low + i * kTile;
       const auto* b = high + i * kTile;
       to_low[i] = std::min(std::min(a[0], a[1]), std::min(a[2], a[3]));
@@ -226,19 +226,19 @@ void find_things(int columns, int rows, OutlineWorkspace& w) {
 }
 
 // Directions: right, down, left, up. In `dark`, bit k is set if the neighbour in direction k is
-// dark. kTurns[d][dark] is the first dark direction clockwise after d; 4 if there is none.
-constexpr std::array<std::array<std::uint8_t, 16>, 4> kTurns = [] {
-  std::array<std::array<std::uint8_t, 16>, 4> turns{};
+// dark. kNextDirection[d][dark] is the first dark direction clockwise after d; 4 if there is none.
+constexpr std::array<std::array<std::uint8_t, 16>, 4> kNextDirection = [] {
+  std::array<std::array<std::uint8_t, 16>, 4> next{};
   for (unsigned direction = 0; direction < 4; ++direction) {
     for (unsigned dark = 0; dark < 16; ++dark) {
-      turns[direction][dark] = 4;
+      next[direction][dark] = 4;
       for (unsigned k = 4; k >= 1; --k) {
-        const unsigned way = (direction + k) % 4;
-        if ((dark >> way) & 1U) turns[direction][dark] = static_cast<std::uint8_t>(way);
+        const unsigned heading = (direction + k) % 4;
+        if ((dark >> heading) & 1U) next[direction][dark] = static_cast<std::uint8_t>(heading);
       }
     }
   }
-  return turns;
+  return next;
 }();
 
 // Traces the outer border from the first pixel, with the outside on the left; false if it is longer
@@ -255,23 +255,23 @@ bool trace(const OutlineWorkspace::Component& component, int columns, std::size_
   };
   // No pixel of the component lies above, or to the left in this row: starts from the left,
   // clockwise.
-  const std::size_t first_way = kTurns[2][darkness(start)];
-  if (first_way == 4) return false;  // one pixel
+  const std::size_t first_heading = kNextDirection[2][darkness(start)];
+  if (first_heading == 4) return false;  // one pixel
   const std::size_t begin = w.points.size();
   w.points.resize(begin + longest);
   cv::Point* out = w.points.data() + begin;
   const cv::Point* const end = out + longest;
   const std::uint8_t* at = start;
-  cv::Point place(component.x, component.y);
-  std::size_t way = first_way;
+  cv::Point position(component.x, component.y);
+  std::size_t heading = first_heading;
   do {
     if (out == end) return false;
-    *out++ = place;
-    at += step[way];
-    place.x += kX[way];
-    place.y += kY[way];
-    way = kTurns[(way + 2) % 4][darkness(at)];  // from the previous pixel
-  } while (at != start || way != first_way);
+    *out++ = position;
+    at += step[heading];
+    position.x += kX[heading];
+    position.y += kY[heading];
+    heading = kNextDirection[(heading + 2) % 4][darkness(at)];  // from the previous pixel
+  } while (at != start || heading != first_heading);
   w.points.resize(static_cast<std::size_t>(out - w.points.data()));
   return true;
 }

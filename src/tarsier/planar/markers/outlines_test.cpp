@@ -15,7 +15,7 @@ cv::Rect bounds(std::span<const cv::Point> outline) {
   return cv::boundingRect(std::vector<cv::Point>(outline.begin(), outline.end()));
 }
 
-TEST(Outlines, GoAroundADarkThingOnceClockwise) {
+TEST(Outlines, TraceDarkRegionOnceClockwise) {
   cv::Mat gray(50, 71, CV_8UC1, cv::Scalar(200));  // not a multiple of the tile size
   gray(cv::Rect(10, 20, 30, 15)).setTo(40);
   OutlineWorkspace w;
@@ -34,7 +34,7 @@ TEST(Outlines, GoAroundADarkThingOnceClockwise) {
   EXPECT_EQ(twice, 2 * 29 * 14);  // positive: clockwise where y points down
 }
 
-TEST(Outlines, TakeTheOuterBorderOfARingAndWhatIsInIt) {
+TEST(Outlines, TraceOuterBorderOfRingAndInnerRegion) {
   cv::Mat gray(100, 100, CV_8UC1, cv::Scalar(180));
   gray(cv::Rect(20, 20, 60, 60)).setTo(30);
   gray(cv::Rect(28, 28, 44, 44)).setTo(180);
@@ -46,7 +46,7 @@ TEST(Outlines, TakeTheOuterBorderOfARingAndWhatIsInIt) {
   EXPECT_EQ(bounds(w.outline(1)), cv::Rect(40, 40, 20, 20));
 }
 
-TEST(Outlines, ThingsThatMeetAtACornerAreTwo) {
+TEST(Outlines, AreFourConnected) {
   cv::Mat gray(60, 60, CV_8UC1, cv::Scalar(180));
   gray(cv::Rect(10, 10, 20, 20)).setTo(30);
   gray(cv::Rect(30, 30, 20, 20)).setTo(30);
@@ -55,7 +55,7 @@ TEST(Outlines, ThingsThatMeetAtACornerAreTwo) {
   EXPECT_EQ(w.outlines.size(), 2U);
 }
 
-TEST(Outlines, JoinWhatGrowsTogetherFurtherDown) {
+TEST(Outlines, MergeRegionsThatJoinBelow) {
   cv::Mat gray(60, 60, CV_8UC1, cv::Scalar(180));  // a W
   for (const int x : {10, 25, 40}) gray(cv::Rect(x, 10, 6, 30)).setTo(30);
   gray(cv::Rect(10, 40, 36, 6)).setTo(30);
@@ -70,7 +70,7 @@ TEST(Outlines, JoinWhatGrowsTogetherFurtherDown) {
   EXPECT_EQ(bounds(w.outline(0)), cv::Rect(10, 10, 36, 36));
 }
 
-TEST(Outlines, NoiseIsNoThing) {
+TEST(Outlines, IgnoreNoise) {
   Rng rng(3);
   cv::Mat gray(240, 320, CV_8UC1);
   for (int y = 0; y < gray.rows; ++y)
@@ -89,7 +89,7 @@ TEST(Outlines, NoiseIsNoThing) {
 }
 
 // There is no flat area to measure the noise.
-TEST(Outlines, ThingsEverywhereAreThings) {
+TEST(Outlines, FindManySmallRegions) {
   cv::Mat gray(80, 80, CV_8UC1, cv::Scalar(200));
   for (int y = 4; y < 80; y += 16)
     for (int x = 4; x < 80; x += 16) gray(cv::Rect(x, y, 8, 8)).setTo(90);
@@ -98,7 +98,7 @@ TEST(Outlines, ThingsEverywhereAreThings) {
   EXPECT_EQ(w.outlines.size(), 25U);
 }
 
-TEST(Outlines, NothingInFlatEmptyOrTinyImages) {
+TEST(Outlines, AreEmptyForFlatEmptyOrTinyImages) {
   OutlineWorkspace w;
   for (const cv::Size size : {cv::Size(0, 0), cv::Size(1, 1), cv::Size(3, 200), cv::Size(64, 64)}) {
     find_dark_outlines(cv::Mat(size, CV_8UC1, cv::Scalar(90)), {}, w);

@@ -16,7 +16,7 @@ std::vector<cv::Point2d> pixels_of(const Quad& quad) {
   return pixels;
 }
 
-Eigen::Vector2d middle_of(const Quad& quad) {
+Eigen::Vector2d center_of(const Quad& quad) {
   return 0.25 * (quad[0] + quad[1] + quad[2] + quad[3]);
 }
 
@@ -35,29 +35,29 @@ MarkerPose pose_of(const geometry::PlanarPoses& poses) {
 // The nearest track of the same id within reach that no other marker of this frame has.
 PoseTracks::Track& track_of(const Marker& marker, double time,
                             std::vector<PoseTracks::Track>& tracks) {
-  const Eigen::Vector2d middle = middle_of(marker.corners);
+  const Eigen::Vector2d center = center_of(marker.corners);
   const double side = (marker.corners[1] - marker.corners[0]).norm();
   PoseTracks::Track* nearest = nullptr;
   int same = 0;
   for (PoseTracks::Track& track : tracks) {
     if (track.id != marker.id) continue;
     ++same;
-    if (track.is_taken) continue;
-    if (nearest == nullptr || (track.middle - middle).norm() < (nearest->middle - middle).norm())
+    if (track.is_matched) continue;
+    if (nearest == nullptr || (track.center - center).norm() < (nearest->center - center).norm())
       nearest = &track;
   }
   // A single marker may move far in one frame; if there are several, each stays near.
   if (nearest != nullptr && same > 1 &&
-      (nearest->middle - middle).norm() > 2 * std::max(side, nearest->side))
+      (nearest->center - center).norm() > 2 * std::max(side, nearest->side))
     nearest = nullptr;
   if (nearest == nullptr) {
     nearest = &tracks.emplace_back();
     nearest->id = marker.id;
   }
-  nearest->middle = middle;
+  nearest->center = center;
   nearest->side = side;
   nearest->time = time;
-  nearest->is_taken = true;
+  nearest->is_matched = true;
   return *nearest;
 }
 
@@ -98,10 +98,10 @@ std::optional<MarkerPose> pose_of_board(std::span<const Marker> markers,
     const auto place = std::find_if(board.begin(), board.end(),
                                     [&](const BoardMarker& b) { return b.id == marker.id; });
     if (place == board.end()) continue;
-    const double c = std::cos(place->turn);
-    const double s = std::sin(place->turn);
+    const double c = std::cos(place->rotation);
+    const double s = std::sin(place->rotation);
     for (const cv::Point2d& p : corners_on_marker(place->size))
-      on_board.push_back(place->middle + cv::Point2d(c * p.x - s * p.y, s * p.x + c * p.y));
+      on_board.push_back(place->center + cv::Point2d(c * p.x - s * p.y, s * p.x + c * p.y));
     const auto seen = pixels_of(marker.corners);
     pixels.insert(pixels.end(), seen.begin(), seen.end());
   }
@@ -121,7 +121,7 @@ std::vector<PosedMarker> track_markers(std::vector<Marker> markers, double size,
   std::erase_if(tracks.tracks, [&](const PoseTracks::Track& track) {
     return time < track.time || time - track.time > options.gap_s;
   });
-  for (PoseTracks::Track& track : tracks.tracks) track.is_taken = false;
+  for (PoseTracks::Track& track : tracks.tracks) track.is_matched = false;
   const std::vector<cv::Point2d> corners = corners_on_marker(size);
   std::vector<PosedMarker> posed;
   for (Marker& marker : markers) {

@@ -46,9 +46,9 @@ struct PosedMarker {
 // all markers in the plane z = 0).
 struct BoardMarker {
   int id = 0;
-  cv::Point2d middle;  // m
-  double turn = 0;     // radians, anticlockwise
-  double size = 0;     // m
+  cv::Point2d center;   // m
+  double rotation = 0;  // radians, anticlockwise
+  double size = 0;      // m
 };
 // One pose, camera from board, from all detected markers of the board. It is much more stable than
 // the pose of a single marker. Empty if no marker of the board was detected.
@@ -61,10 +61,10 @@ struct BoardMarker {
 struct PoseTracks {
   struct Track {
     int id = 0;
-    Eigen::Vector2d middle{0, 0};  // px
+    Eigen::Vector2d center{0, 0};  // px
     double side = 0;               // px
     double time = 0;               // s
-    bool is_taken = false;
+    bool is_matched = false;
     geometry::PlanarTrackState state;
   };
   double size = 0;  // m

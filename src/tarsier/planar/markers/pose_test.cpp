@@ -57,7 +57,7 @@ TEST(MarkerPose, FrameIsUprightAndOutOfTheSheet) {
   EXPECT_THROW((void)pose_of_marker(marker, 0, test_camera()), std::invalid_argument);
 }
 
-TEST(MarkerPose, ABoardIsSteadierThanItsMarkers) {
+TEST(MarkerPose, BoardIsMoreAccurateThanItsMarkers) {
   const geometry::Camera camera = test_camera();
   const geometry::Rigid3 truth{
       Eigen::Matrix3d{
@@ -69,8 +69,8 @@ TEST(MarkerPose, ABoardIsSteadierThanItsMarkers) {
     const BoardMarker place{
         id, {0.05 * (id % 3) - 0.05, 0.05 * (id / 3)}, id == 2 ? 1.0 : 0.0, 0.04};
     board.push_back(place);
-    const geometry::Rigid3 on_board{geometry::rotation_by({0, 0, place.turn}),
-                                    {place.middle.x, place.middle.y, 0}};
+    const geometry::Rigid3 on_board{geometry::rotation_by({0, 0, place.rotation}),
+                                    {place.center.x, place.center.y, 0}};
     Marker marker;
     marker.id = id;
     marker.corners = seen(truth * on_board, 0.04, camera);
@@ -92,7 +92,7 @@ TEST(MarkerPose, ABoardIsSteadierThanItsMarkers) {
   EXPECT_FALSE(pose_of_board({}, board, camera));
 }
 
-TEST(PoseTracks, TwoOfOneIdKeepTheirOwnTracks) {
+TEST(PoseTracks, DistinguishTwoMarkersOfOneId) {
   const geometry::Camera camera = test_camera();
   PoseTracks tracks;
   for (int i = 0; i < 10; ++i) {
@@ -117,11 +117,11 @@ TEST(PoseTracks, TwoOfOneIdKeepTheirOwnTracks) {
 }
 
 // A whole video: detection, poses, filtering.
-TEST(PoseTracks, VideosHaveFewFlipsAndStayPutAtRest) {
+TEST(PoseTracks, HaveFewFlipsAndAreSteadyAtRest) {
   const Dictionary& family = find_dictionary("36h11");
   synth::VideoOptions options;
   options.shutter = 0;
-  options.cover = false;
+  options.with_occluder = false;
   options.seed = 4;
   options.speed_px = 15;
   const synth::PlanarVideo video = synth::marker_video(family, 4, 0.05, options);

@@ -19,7 +19,7 @@ namespace {
 using Eigen::Vector2d;
 
 // Quads with corners nearer than this share of the side are duplicates.
-constexpr double kSamePlace = 0.12;
+constexpr double kMaxDuplicateDistance = 0.12;
 
 struct Line {
   Vector2d point;
@@ -75,12 +75,12 @@ bool is_convex(const Quad& quad) {
 // The contour point farthest from `from`.
 std::size_t farthest(std::span<const cv::Point> contour, const cv::Point& from) {
   std::size_t best = 0;
-  int most = -1;
+  int max_square = -1;
   for (std::size_t i = 0; i < contour.size(); ++i) {
     const cv::Point d = contour[i] - from;
     const int square = d.dot(d);
-    if (square > most) {
-      most = square;
+    if (square > max_square) {
+      max_square = square;
       best = i;
     }
   }
@@ -109,8 +109,8 @@ std::optional<std::array<std::size_t, 4>> corners_of(std::span<const cv::Point> 
       d = i;
     }
   }
-  const double least = 0.1 * chord.dot(chord);
-  if (max_b < least || max_d < least) return std::nullopt;
+  const double min_height = 0.1 * chord.dot(chord);
+  if (max_b < min_height || max_d < min_height) return std::nullopt;
   std::array<std::size_t, 4> corners{a, b, c, d};
   std::sort(corners.begin(), corners.end());
   return corners;
@@ -159,7 +159,7 @@ std::optional<Quad> quad_of(std::span<const cv::Point> contour,
 }
 
 bool is_known(const std::vector<Quad>& quads, const Quad& quad) {
-  const double near = kSamePlace * shortest(quad) + 1;
+  const double near = kMaxDuplicateDistance * shortest(quad) + 1;
   return std::any_of(quads.begin(), quads.end(), [&](const Quad& other) {
     for (std::size_t turn = 0; turn < 4; ++turn) {
       bool is_same = true;
@@ -202,7 +202,7 @@ std::optional<std::pair<double, double>> edge_along(const cv::Mat& gray, const V
   float before = sample(gray, low.x(), low.y());
   double sum = 0;
   double moment = 0;
-  double most = 0;
+  double max_rise = 0;
   for (int i = inner + 1; i <= outer; ++i) {
     const Vector2d p = at + (i * kStep) * normal;
     const float now = sample(gray, p.x(), p.y());
@@ -213,10 +213,10 @@ std::optional<std::pair<double, double>> edge_along(const cv::Mat& gray, const V
     const double weight = rise * rise;
     sum += weight;
     moment += weight * (i - 0.5) * kStep;
-    most = std::max(most, rise);
+    max_rise = std::max(max_rise, rise);
   }
-  if (most < 2) return std::nullopt;
-  return std::pair{moment / sum, most};
+  if (max_rise < 2) return std::nullopt;
+  return std::pair{moment / sum, max_rise};
 }
 
 }  // namespace
@@ -253,7 +253,7 @@ std::vector<Quad> find_quads(const cv::Mat& gray, const QuadOptions& options, Qu
       if (length < 3.2 * options.min_side_px / scale) continue;
       const auto corners = corners_of(contour);
       if (!corners) continue;
-      auto quad = quad_of(contour, *corners, std::max(2.0, options.straight * length / 2));
+      auto quad = quad_of(contour, *corners, std::max(2.0, options.max_deviation * length / 2));
       if (!quad) continue;
       // The centre of a pixel of the smaller image lies between pixels of the larger one.
       for (Vector2d& corner : *quad) corner = corner * scale + Vector2d::Constant((scale - 1) / 2);

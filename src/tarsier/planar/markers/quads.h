@@ -24,14 +24,14 @@ struct QuadOptions {
   // clear in a smaller image.
   int halvings = 1;
   // Maximum deviation of a contour from the quadrilateral, relative to its length.
-  double straight = 0.035;
+  double max_deviation = 0.035;
 
   [[nodiscard]] OptionFields fields() {
     return {{"min_side_px", min_side_px, range(4, 1000), "--min-side",
              "px, minimum length of the shortest side of a marker"},
             {"min_contrast", min_contrast, range(2, 255)},
             {"halvings", halvings, range(0, 6)},
-            {"straight", straight, inside(0, 0.5)}};
+            {"straight", max_deviation, inside(0, 0.5)}};
   }
   void check() const { check_fields(*this); }
 };

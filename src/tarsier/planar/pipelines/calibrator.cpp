@@ -17,15 +17,17 @@ namespace tarsier::planar {
 namespace {
 
 using calibration::BoardView;
-using calibration::Verdict;
+using calibration::ViewDecision;
 using calibration::ViewState;
 
-constexpr std::size_t kBoardless = 3;  // images in which boards of other sizes are searched
+constexpr std::size_t kMaxImagesWithoutBoard =
+    3;  // images in which boards of other sizes are searched
 // Live mode: frames without a board before the search rate is reduced.
-constexpr int kPatience = 15;
-constexpr int kSearchEvery = 3;   // live mode: then every third frame is searched
-constexpr int kTurns = 3;         // live mode: failed searches before the light mode changes
-constexpr double kUsualFps = 25;  // of a source that does not state its rate
+constexpr int kSparseSearchAfterFrames = 15;
+constexpr int kSparseSearchEvery = 3;  // live mode: then every third frame is searched
+constexpr int kSearchesPerLightMode =
+    3;                              // live mode: failed searches before the light mode changes
+constexpr double kDefaultFps = 25;  // of a source that does not state its rate
 
 CalibrationImage image_of(const CalibratorState& state) {
   const Frame& frame = state.frame;
@@ -39,7 +41,7 @@ CalibrationImage image_of(const CalibratorState& state) {
 }
 
 // A camera has one image size: the most frequent one.
-cv::Size size_of_most(const CalibratorState& state) {
+cv::Size dominant_size(const CalibratorState& state) {
   std::map<std::pair<int, int>, int> counts;
   for (const cv::Size& size : state.sizes) ++counts[{size.width, size.height}];
   cv::Size best = state.size;
@@ -98,11 +100,11 @@ calibration::ViewCollector Calibrator::collector_for(cv::Size size) const {
   return {options_.board, size, collect};
 }
 
-void Calibrator::look(const Frame& frame, CalibratorState& state) const {
+void Calibrator::find_board_in(const Frame& frame, CalibratorState& state) const {
   const auto start = std::chrono::steady_clock::now();
   calibration::FindOptions find;
   find.search_px = options_.search_px;
-  find.patient = !options_.live || frame.still;
+  find.retry = !options_.live || frame.still;
   find.even_light = options_.live && !frame.still && state.even_light;
   state.board = calibration::find_board(frame.image, options_.board, find);
   const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - start;
@@ -114,13 +116,13 @@ CalibratorAnswer Calibrator::process(const Frame& frame, CalibratorState& state)
   if (state.size.empty()) state.size = frame.image.size();
   state.frame = frame;
   state.board = {};
-  if (options_.live) return look_live(frame, state);
-  look(frame, state);
+  if (options_.live) return process_live(frame, state);
+  find_board_in(frame, state);
   if (!frame.still) {
     const std::string source = source_of(frame);
     if (!state.collector || source != state.source) {
       state.collector = collector_for(frame.image.size());
-      state.taken.clear();
+      state.accepted_images.clear();
     }
     state.source = source;
     state.sharpness = calibration::sharpness_of(frame.image, state.board, options_.board);
@@ -133,27 +135,28 @@ CalibratorAnswer Calibrator::process(const Frame& frame, CalibratorState& state)
     state.views.push_back(state.board);
     state.sizes.push_back(frame.image.size());
   } else {
-    image.reason = name_of(Verdict::kNoBoard);
-    if (state.boardless.size() < kBoardless) state.boardless.push_back(frame.image.clone());
+    image.reason = name_of(ViewDecision::kNoBoard);
+    if (state.images_without_board.size() < kMaxImagesWithoutBoard)
+      state.images_without_board.push_back(frame.image.clone());
   }
-  const Verdict verdict = image.found ? Verdict::kTaken : Verdict::kNoBoard;
+  const ViewDecision decision = image.found ? ViewDecision::kAccepted : ViewDecision::kNoBoard;
   state.images.push_back(std::move(image));
-  return {state.board, verdict};
+  return {state.board, decision};
 }
 
-CalibratorAnswer Calibrator::look_live(const Frame& frame, CalibratorState& state) const {
+CalibratorAnswer Calibrator::process_live(const Frame& frame, CalibratorState& state) const {
   if (!state.collector) state.collector = collector_for(state.size);
   if (frame.image.size() != state.size) return {};
-  const bool waits = !frame.still && state.frames_without >= kPatience;
-  if (waits && state.frames_without % kSearchEvery != 0) {
-    ++state.frames_without;
-    return {{}, Verdict::kNoBoard};
+  const bool waits = !frame.still && state.frames_without_board >= kSparseSearchAfterFrames;
+  if (waits && state.frames_without_board % kSparseSearchEvery != 0) {
+    ++state.frames_without_board;
+    return {{}, ViewDecision::kNoBoard};
   }
-  look(frame, state);
+  find_board_in(frame, state);
   const bool empty = state.board.empty();
-  state.frames_without = empty ? state.frames_without + 1 : 0;
-  state.searches_without = empty ? state.searches_without + 1 : 0;
-  if (state.searches_without > 0 && state.searches_without % kTurns == 0)
+  state.frames_without_board = empty ? state.frames_without_board + 1 : 0;
+  state.searches_without_board = empty ? state.searches_without_board + 1 : 0;
+  if (state.searches_without_board > 0 && state.searches_without_board % kSearchesPerLightMode == 0)
     state.even_light = !state.even_light;
   state.sharpness = calibration::sharpness_of(frame.image, state.board, options_.board);
   return accept(state.collector->offer(state.board, state.sharpness, frame.still), state);
@@ -161,28 +164,29 @@ CalibratorAnswer Calibrator::look_live(const Frame& frame, CalibratorState& stat
 
 CalibratorAnswer Calibrator::accept(const calibration::ViewCollector::Answer& answer,
                                     CalibratorState& state) const {
-  const CalibratorAnswer result{state.board, answer.verdict};
+  const CalibratorAnswer result{state.board, answer.decision};
   CalibrationImage image = image_of(state);
-  if (!result.is_taken()) {
+  if (!result.is_accepted()) {
     if (options_.live) return result;
-    image.reason = name_of(answer.verdict);
-    if (answer.verdict == Verdict::kNoBoard && state.boardless.size() < kBoardless)
-      state.boardless.push_back(state.frame.image.clone());
+    image.reason = name_of(answer.decision);
+    if (answer.decision == ViewDecision::kNoBoard &&
+        state.images_without_board.size() < kMaxImagesWithoutBoard)
+      state.images_without_board.push_back(state.frame.image.clone());
     state.images.push_back(std::move(image));
     return result;
   }
   image.found = true;
   if (options_.keep_images && !image.still) image.image = state.frame.image.clone();
-  if (answer.verdict == Verdict::kTaken) {
+  if (answer.decision == ViewDecision::kAccepted) {
     image.view = state.views.size();
     state.views.push_back(state.board);
     state.sizes.push_back(state.collector->coverage().size);
-    state.taken.push_back(state.images.size());
+    state.accepted_images.push_back(state.images.size());
     state.images.push_back(std::move(image));
     return result;
   }
-  std::size_t& taken = state.taken[answer.index];
-  CalibrationImage& before = state.images[taken];
+  std::size_t& image_index = state.accepted_images[answer.index];
+  CalibrationImage& before = state.images[image_index];
   image.view = before.view;
   state.views[image.view] = state.board;
   if (options_.live) {
@@ -190,18 +194,18 @@ CalibratorAnswer Calibrator::accept(const calibration::ViewCollector::Answer& an
     return result;
   }
   before.found = false;
-  before.reason = name_of(Verdict::kAlike);
+  before.reason = name_of(ViewDecision::kTooSimilar);
   before.image.release();
-  taken = state.images.size();
+  image_index = state.images.size();
   state.images.push_back(std::move(image));
   return result;
 }
 
 void Calibrator::search(FrameSource& source, CalibratorState& state, Progress& progress,
                         const std::stop_token& stop) const {
-  const double fps = source.fps() > 0 ? source.fps() : kUsualFps;
+  const double fps = source.fps() > 0 ? source.fps() : kDefaultFps;
   const auto step =
-      options_.every * std::max<std::int64_t>(1, std::lround(options_.look_every_s * fps));
+      options_.every * std::max<std::int64_t>(1, std::lround(options_.examine_every_s * fps));
   state.collector.reset();
   progress.begin("calibrate", source.count(), "images");
   while (!source.ended()) {
@@ -217,9 +221,9 @@ void Calibrator::search(FrameSource& source, CalibratorState& state, Progress& p
 
 CalibratorAnswer Calibrator::take(CalibratorState& state) const {
   TARSIER_REQUIRE(options_.live, "only live views are taken whatever they are");
-  if (state.board.empty()) return {{}, Verdict::kNoBoard};
-  if (static_cast<int>(state.views.size()) >= options_.collect.most)
-    return {state.board, Verdict::kFull};
+  if (state.board.empty()) return {{}, ViewDecision::kNoBoard};
+  if (static_cast<int>(state.views.size()) >= options_.collect.max_views)
+    return {state.board, ViewDecision::kFull};
   return accept(state.collector->force(state.board, state.sharpness), state);
 }
 
@@ -230,9 +234,9 @@ void Calibrator::forget_last(CalibratorState& state) const {
       std::find_if(state.images.begin(), state.images.end(),
                    [&](const CalibrationImage& one) { return one.found && one.view == last; });
   const auto at = static_cast<std::size_t>(image - state.images.begin());
-  if (!state.taken.empty() && state.taken.back() == at) {
+  if (!state.accepted_images.empty() && state.accepted_images.back() == at) {
     state.collector->undo();
-    state.taken.pop_back();
+    state.accepted_images.pop_back();
   }
   state.views.pop_back();
   state.sizes.pop_back();
@@ -253,7 +257,7 @@ CalibrationResult Calibrator::calibrate(const CalibratorState& state,
   result.board = options_.board;
   result.images = state.images;
   result.views = state.views;
-  result.size = size_of_most(state);
+  result.size = dominant_size(state);
   for (CalibrationImage& image : result.images) {
     if (!image.found || state.sizes[image.view] == result.size) continue;
     const cv::Size& other = state.sizes[image.view];
@@ -275,7 +279,7 @@ CalibrationResult Calibrator::calibrate(const CalibratorState& state,
 
 std::optional<std::string> Calibrator::other_board(const CalibratorState& state) const {
   std::map<std::string, int> sizes;
-  for (const cv::Mat& image : state.boardless)
+  for (const cv::Mat& image : state.images_without_board)
     for (const std::string& size : calibration::other_chess_sizes(image, options_.board))
       ++sizes[size];
   // A part of a board may look like a smaller board, so the score also counts the points.

@@ -31,13 +31,13 @@ struct CalibratorOptions {
   // every third frame is searched; the search alternates between the plain frame and one with
   // evened light. Stills are judged like the frames of a video. Only images with a view are kept.
   bool live = false;
-  double look_every_s = 0.2;  // search(): time between the examined frames of a video, s
-  int every = 1;              // search(): examines only each n-th of those frames
-  bool keep_images = false;   // keeps the frames of videos whose views were taken
+  double examine_every_s = 0.2;  // search(): time between the examined frames of a video, s
+  int every = 1;                 // search(): examines only each n-th of those frames
+  bool keep_images = false;      // keeps the frames of videos whose views were taken
 
   [[nodiscard]] OptionFields fields() {
     return {{"search_px", search_px, range(160, 4000)},
-            {"look_every_s", look_every_s, at_least(0)},
+            {"look_every_s", examine_every_s, at_least(0)},
             {"every", every, at_least(1)}};
   }
   void check() const;  // throws std::invalid_argument that names the value
@@ -64,9 +64,10 @@ struct CalibrationImage {
 struct CalibratorAnswer {
   calibration::BoardView board;  // empty if there is no board, or if this frame was not searched
   // Empty if the image's size differs from that of the earlier images (live mode).
-  std::optional<calibration::Verdict> verdict;
-  [[nodiscard]] bool is_taken() const {
-    return verdict == calibration::Verdict::kTaken || verdict == calibration::Verdict::kReplaced;
+  std::optional<calibration::ViewDecision> decision;
+  [[nodiscard]] bool is_accepted() const {
+    return decision == calibration::ViewDecision::kAccepted ||
+           decision == calibration::ViewDecision::kReplaced;
   }
 };
 
@@ -78,18 +79,18 @@ struct CalibratorState {
   cv::Size size;                // px, of the first image
   // For the current video: the collector of new views, and the image of each of its views.
   std::optional<calibration::ViewCollector> collector;
-  std::vector<std::size_t> taken;
+  std::vector<std::size_t> accepted_images;
   std::string source;
-  std::vector<cv::Mat> boardless;  // the first images without the board
+  std::vector<cv::Mat> images_without_board;  // the first images without the board
   // For the latest frame.
   Frame frame;
   calibration::BoardView board;
   double sharpness = 0;
   double ms = 0;
   // For live mode.
-  int frames_without = 0;    // since a board was last found
-  int searches_without = 0;  // of these frames, those searched
-  bool even_light = false;   // how the next frame is searched: calibration::FindOptions
+  int frames_without_board = 0;    // since a board was last found
+  int searches_without_board = 0;  // of these frames, those searched
+  bool even_light = false;         // how the next frame is searched: calibration::FindOptions
 };
 
 struct CalibrationResult {
@@ -165,8 +166,8 @@ class Calibrator {
 
  private:
   explicit Calibrator(const CalibratorOptions& options);
-  void look(const Frame& frame, CalibratorState& state) const;
-  CalibratorAnswer look_live(const Frame& frame, CalibratorState& state) const;
+  void find_board_in(const Frame& frame, CalibratorState& state) const;
+  CalibratorAnswer process_live(const Frame& frame, CalibratorState& state) const;
   [[nodiscard]] calibration::ViewCollector collector_for(cv::Size size) const;
   CalibratorAnswer accept(const calibration::ViewCollector::Answer& answer,
                           CalibratorState& state) const;

@@ -18,7 +18,7 @@ namespace tarsier::planar {
 namespace {
 
 using calibration::BoardSpec;
-using calibration::Verdict;
+using calibration::ViewDecision;
 using ::testing::HasSubstr;
 
 const cv::Size kSize{480, 360};
@@ -69,13 +69,14 @@ Frame moment(const cv::Mat& image, int index, const std::string& name = "board.m
   return frame;
 }
 
-TEST(Calibrator, FindsTheCameraOfImages) {
+TEST(Calibrator, CalibratesFromImages) {
   const auto calibrator = Calibrator::load(options());
   CalibratorState state;
   for (const cv::Mat& image : stills())
-    EXPECT_TRUE(calibrator.process(still(image), state).is_taken());
+    EXPECT_TRUE(calibrator.process(still(image), state).is_accepted());
   const cv::Mat nothing(kSize, CV_8UC3, cv::Scalar::all(120));
-  EXPECT_EQ(calibrator.process(still(nothing, "nothing.png"), state).verdict, Verdict::kNoBoard);
+  EXPECT_EQ(calibrator.process(still(nothing, "nothing.png"), state).decision,
+            ViewDecision::kNoBoard);
   const auto result = calibrator.calibrate(state);
   ASSERT_TRUE(result.ok()) << result.calibration.refusal;
   EXPECT_NEAR(result.calibration.camera.fx / video().camera().fx, 1, 5e-3);
@@ -98,11 +99,11 @@ TEST(Calibrator, FindsTheCameraOfImages) {
   EXPECT_EQ(all["images"], 9);
 }
 
-TEST(Calibrator, TakesOfAVideoWhatIsNew) {
+TEST(Calibrator, AcceptsNewViewsOfVideo) {
   CalibratorOptions how = options();
   how.keep_images = true;
-  how.look_every_s = 0.3;
-  how.collect.most = 6;
+  how.examine_every_s = 0.3;
+  how.collect.max_views = 6;
   const auto calibrator = Calibrator::load(how);
   CalibratorState state;
   NoProgress progress;
@@ -122,28 +123,28 @@ TEST(Calibrator, TakesOfAVideoWhatIsNew) {
   EXPECT_NEAR(result.calibration.camera.fx / video().camera().fx, 1, 1e-2);
 }
 
-TEST(Calibrator, ASharperViewTakesThePlaceOfOneThatIsAlike) {
+TEST(Calibrator, SharperViewReplacesSimilarOne) {
   CalibratorOptions how = options();
   how.collect.min_sharpness = 0;
   const auto calibrator = Calibrator::load(how);
   CalibratorState state;
   cv::Mat blurred;
   cv::GaussianBlur(stills()[0], blurred, {}, 1.5);
-  EXPECT_EQ(calibrator.process(moment(blurred, 0), state).verdict, Verdict::kTaken);
-  EXPECT_EQ(calibrator.process(moment(stills()[0], 1), state).verdict, Verdict::kReplaced);
-  EXPECT_EQ(calibrator.process(moment(stills()[0], 2), state).verdict, Verdict::kAlike);
+  EXPECT_EQ(calibrator.process(moment(blurred, 0), state).decision, ViewDecision::kAccepted);
+  EXPECT_EQ(calibrator.process(moment(stills()[0], 1), state).decision, ViewDecision::kReplaced);
+  EXPECT_EQ(calibrator.process(moment(stills()[0], 2), state).decision, ViewDecision::kTooSimilar);
   ASSERT_EQ(state.images.size(), 3U);
   EXPECT_EQ(state.views.size(), 1U);
   EXPECT_FALSE(state.images[0].found);
   EXPECT_EQ(state.images[0].reason, "alike");
   EXPECT_TRUE(state.images[1].found);
   // In another video, the same position is new.
-  EXPECT_EQ(calibrator.process(moment(stills()[0], 0, "other.mp4"), state).verdict,
-            Verdict::kTaken);
+  EXPECT_EQ(calibrator.process(moment(stills()[0], 0, "other.mp4"), state).decision,
+            ViewDecision::kAccepted);
   EXPECT_EQ(state.views.size(), 2U);
 }
 
-TEST(Calibrator, TheSizeOfMostViewsWins) {
+TEST(Calibrator, UsesMostFrequentImageSize) {
   const auto calibrator = Calibrator::load(options());
   CalibratorState state;
   cv::Mat larger;
@@ -160,7 +161,7 @@ TEST(Calibrator, TheSizeOfMostViewsWins) {
   EXPECT_EQ(line["reason"], "720x540 px, most others have 480x360");
 }
 
-TEST(Calibrator, SaysWhyThereIsNoCamera) {
+TEST(Calibrator, ReportsWhyThereIsNoCamera) {
   const auto calibrator = Calibrator::load(options());
   CalibratorState state;
   EXPECT_THROW((void)calibrator.calibrate(state), std::invalid_argument);
@@ -173,25 +174,25 @@ TEST(Calibrator, SaysWhyThereIsNoCamera) {
   EXPECT_EQ(to_json(result, result.images[0])["used"], false);
 }
 
-TEST(Calibrator, NamesTheBoardThatIsThere) {
+TEST(Calibrator, SuggestsOtherBoard) {
   CalibratorOptions how = options();
   how.board = calibration::parse_board("chess:8x6", 0.025);
   const auto calibrator = Calibrator::load(how);
   CalibratorState state;
   EXPECT_FALSE(calibrator.other_board(state));
-  EXPECT_EQ(calibrator.process(still(stills()[0]), state).verdict, Verdict::kNoBoard);
+  EXPECT_EQ(calibrator.process(still(stills()[0]), state).decision, ViewDecision::kNoBoard);
   EXPECT_EQ(calibrator.other_board(state), "9x6");
 }
 
-TEST(Calibrator, ALiveViewIsTakenWhenItIsStill) {
+TEST(Calibrator, AcceptsStillLiveViews) {
   const auto calibrator = Calibrator::load(live_options());
   CalibratorState state;
-  EXPECT_EQ(calibrator.process(moment(stills()[0], 0), state).verdict, Verdict::kMoving);
-  EXPECT_EQ(calibrator.process(moment(stills()[0], 1), state).verdict, Verdict::kTaken);
-  EXPECT_EQ(calibrator.process(moment(stills()[3], 2), state).verdict, Verdict::kMoving);
+  EXPECT_EQ(calibrator.process(moment(stills()[0], 0), state).decision, ViewDecision::kMoving);
+  EXPECT_EQ(calibrator.process(moment(stills()[0], 1), state).decision, ViewDecision::kAccepted);
+  EXPECT_EQ(calibrator.process(moment(stills()[3], 2), state).decision, ViewDecision::kMoving);
   EXPECT_EQ(state.images.size(), 1U);  // only those with a view
   // take() takes it anyway, and forget_last() removes it.
-  EXPECT_TRUE(calibrator.take(state).is_taken());
+  EXPECT_TRUE(calibrator.take(state).is_accepted());
   EXPECT_EQ(state.views.size(), 2U);
   EXPECT_EQ(state.images[1].index, 2);
   EXPECT_EQ(state.collector->coverage().views, 2);
@@ -202,21 +203,21 @@ TEST(Calibrator, ALiveViewIsTakenWhenItIsStill) {
   // An image of another size is not used.
   cv::Mat larger;
   cv::resize(stills()[0], larger, {}, 1.5, 1.5);
-  EXPECT_FALSE(calibrator.process(moment(larger, 3), state).verdict);
-  EXPECT_EQ(calibrator.take(state).verdict, Verdict::kNoBoard);
+  EXPECT_FALSE(calibrator.process(moment(larger, 3), state).decision);
+  EXPECT_EQ(calibrator.take(state).decision, ViewDecision::kNoBoard);
 }
 
-TEST(Calibrator, ALiveBoardThatStaysAwayIsSearchedInEveryThirdFrame) {
+TEST(Calibrator, SearchesEveryThirdLiveFrameWithoutBoard) {
   const auto calibrator = Calibrator::load(live_options());
   CalibratorState state;
   const cv::Mat nothing(kSize, CV_8UC3, cv::Scalar::all(120));
   for (int i = 0; i < 24; ++i) (void)calibrator.process(moment(nothing, i), state);
-  EXPECT_EQ(state.frames_without, 24);
-  EXPECT_EQ(state.searches_without, 18);  // 15, then frames 15, 18 and 21
+  EXPECT_EQ(state.frames_without_board, 24);
+  EXPECT_EQ(state.searches_without_board, 18);  // 15, then frames 15, 18 and 21
   EXPECT_TRUE(state.images.empty());
 }
 
-TEST(Calibrator, ForgetsAViewOfAVideo) {
+TEST(Calibrator, RemovesViewOfVideo) {
   const auto calibrator = Calibrator::load(options());
   CalibratorState state;
   (void)calibrator.process(moment(stills()[0], 0), state);
@@ -225,14 +226,14 @@ TEST(Calibrator, ForgetsAViewOfAVideo) {
   calibrator.forget_last(state);
   EXPECT_EQ(state.views.size(), 1U);
   EXPECT_EQ(state.images[1].reason, "forgotten");
-  EXPECT_TRUE(calibrator.process(moment(stills()[3], 2), state).is_taken());
+  EXPECT_TRUE(calibrator.process(moment(stills()[3], 2), state).is_accepted());
   calibrator.forget_last(state);
   calibrator.forget_last(state);
   calibrator.forget_last(state);
   EXPECT_TRUE(state.views.empty());
 }
 
-TEST(Calibrator, RefusesBadOptions) {
+TEST(Calibrator, RejectsInvalidOptions) {
   CalibratorOptions how = options();
   how.search_px = 3;
   EXPECT_THROW((void)Calibrator::load(how), std::invalid_argument);

@@ -24,7 +24,7 @@ synth::PlanarVideo video(const std::string& family = "36h11") {
   options.size = {480, 360};
   options.speed_px = 8;
   options.shutter = 0;
-  options.cover = false;
+  options.with_occluder = false;
   return synth::marker_video(markers::find_dictionary(family), 4, kSide, options);
 }
 
@@ -69,7 +69,7 @@ TEST(MarkerTracker, FindsMarkersAndTheirPoses) {
   }
 }
 
-TEST(MarkerTracker, IsTheLineOfTheProgram) {
+TEST(MarkerTracker, JsonHasDocumentedKeys) {
   const auto tracker = MarkerTracker::load(options_with_camera());
   MarkerState state;
   auto result = tracker.process(frame_of(video().image_at(1), true), state);
@@ -83,7 +83,7 @@ TEST(MarkerTracker, IsTheLineOfTheProgram) {
   EXPECT_EQ(json["ms"], 12.35);
 }
 
-TEST(MarkerTracker, SmoothsVideosUntilAnotherSourceBegins) {
+TEST(MarkerTracker, SmoothsVideosAndResetsForAnotherSource) {
   const auto tracker = MarkerTracker::load(options_with_camera());
   MarkerState alone;
   MarkerState state;
@@ -132,7 +132,7 @@ TEST(MarkerTracker, SearchesSeveralFamiliesAndNamesThem) {
   EXPECT_EQ(to_json(result)["markers"][0]["family"], "36h11");
 }
 
-TEST(MarkerTracker, WithoutASideThereAreNoPoses) {
+TEST(MarkerTracker, HasNoPosesWithoutSide) {
   MarkerTrackerOptions options;
   options.side = 0;
   const auto tracker = MarkerTracker::load(options);
@@ -145,7 +145,7 @@ TEST(MarkerTracker, WithoutASideThereAreNoPoses) {
   EXPECT_FALSE(to_json(result)["markers"][0].contains("rvec"));
 }
 
-TEST(MarkerTracker, OpencvFindsTheSameOnes) {
+TEST(MarkerTracker, OpencvDetectorFindsSameMarkers) {
   MarkerTrackerOptions options = options_with_camera();
   const Frame frame = frame_of(video().image_at(1), true);
   MarkerState state;
@@ -160,7 +160,7 @@ TEST(MarkerTracker, OpencvFindsTheSameOnes) {
       }
 }
 
-TEST(MarkerTracker, ScalesTheCameraGuessesItOrRefusesIt) {
+TEST(MarkerTracker, ScalesGuessesOrRejectsCamera) {
   MarkerTrackerOptions options = options_with_camera();
   options.camera = geometry::guessed_camera({960, 720});
   const Frame frame = frame_of(video().image_at(1), true);
@@ -173,7 +173,7 @@ TEST(MarkerTracker, ScalesTheCameraGuessesItOrRefusesIt) {
   EXPECT_EQ(MarkerTracker::load(options).process(frame, state).camera.fx, 700);
 }
 
-TEST(MarkerTracker, RefusesBadOptionsAndImages) {
+TEST(MarkerTracker, RejectsInvalidOptionsAndImages) {
   MarkerTrackerOptions options;
   options.families = {};
   EXPECT_THROW((void)MarkerTracker::load(options), std::invalid_argument);

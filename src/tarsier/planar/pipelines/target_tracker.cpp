@@ -18,7 +18,7 @@ void TargetTrackerOptions::check() const { track.check(); }
 
 nlohmann::ordered_json to_json(const TargetResult& result) {
   auto list = nlohmann::ordered_json::array();
-  for (const image_targets::TrackedTarget& one : result.seen)
+  for (const image_targets::TrackedTarget& one : result.tracked)
     list.push_back(image_targets::target_json(result.target_of(one), one.target, one.homography,
                                               one.corners, one.confidence,
                                               one.pose ? &*one.pose : nullptr));
@@ -50,8 +50,8 @@ TargetResult TargetTracker::process(const Frame& frame, TargetState& state,
   result.targets = targets_;
   if (options_.camera) result.camera = geometry::camera_of_frame(*options_.camera, frame);
   const auto start = std::chrono::steady_clock::now();
-  result.seen = image_targets::track(*targets_, options_.track, state.track, frame.image,
-                                     result.camera ? &*result.camera : nullptr, debug);
+  result.tracked = image_targets::track(*targets_, options_.track, state.track, frame.image,
+                                        result.camera ? &*result.camera : nullptr, debug);
   const std::chrono::duration<double, std::milli> spent = std::chrono::steady_clock::now() - start;
   result.ms = spent.count();
   return result;

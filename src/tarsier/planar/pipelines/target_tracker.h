@@ -23,7 +23,7 @@ struct TargetTrackerOptions {
 
 // The targets of one frame.
 struct TargetResult {
-  std::vector<image_targets::TrackedTarget> seen;  // in the order of `targets`
+  std::vector<image_targets::TrackedTarget> tracked;  // in the order of `targets`
   // All targets that were searched. Never null in a result of process().
   std::shared_ptr<const std::vector<image_targets::Target>> targets;
   std::optional<geometry::Camera> camera;  // the camera of the poses, scaled to images of this size
@@ -53,7 +53,7 @@ struct TargetState {
 //   const auto source = open_source("0");  // a camera
 //   while (const auto frame = source->next(1s, {})) {
 //     const planar::TargetResult result = tracker.process(*frame, state);
-//     for (const auto& seen : result.seen)
+//     for (const auto& seen : result.tracked)
 //       fmt::print("{} at {:.0f} {:.0f}\n", result.target_of(seen).name, seen.corners[0].x,
 //                  seen.corners[0].y);
 //   }

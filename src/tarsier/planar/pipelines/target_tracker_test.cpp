@@ -36,7 +36,7 @@ Frame frame_of(const cv::Mat& image, bool still, const std::string& name = "desk
   return frame;
 }
 
-TEST(TargetTracker, FindsATargetOfAFileAndItsPose) {
+TEST(TargetTracker, DetectsTargetOfFileAndItsPose) {
   const TemporaryFolder folder;
   const std::string path = folder / "poster.target.json";
   image_targets::write_target(path, poster());
@@ -46,16 +46,16 @@ TEST(TargetTracker, FindsATargetOfAFileAndItsPose) {
   EXPECT_EQ(tracker.targets().size(), 1U);
   TargetState state;
   auto result = tracker.process(frame_of(video().image_at(0), true), state);
-  ASSERT_EQ(result.seen.size(), 1U);
-  EXPECT_EQ(result.target_of(result.seen[0]).name, "poster");
+  ASSERT_EQ(result.tracked.size(), 1U);
+  EXPECT_EQ(result.target_of(result.tracked[0]).name, "poster");
   const auto truth = video().truth_at(0);
   for (std::size_t k = 0; k < 4; ++k)
-    EXPECT_LT(cv::norm(result.seen[0].corners[k] - truth[0].corners[k]), 1);
-  ASSERT_TRUE(result.seen[0].pose);
-  EXPECT_LT(
-      (result.seen[0].pose->camera_from_plane.translation - truth[0].camera_from_print.translation)
-          .norm(),
-      0.01);
+    EXPECT_LT(cv::norm(result.tracked[0].corners[k] - truth[0].corners[k]), 1);
+  ASSERT_TRUE(result.tracked[0].pose);
+  EXPECT_LT((result.tracked[0].pose->camera_from_plane.translation -
+             truth[0].camera_from_print.translation)
+                .norm(),
+            0.01);
   result.ms = 7.006;
   const auto json = to_json(result);
   std::string keys;
@@ -64,13 +64,13 @@ TEST(TargetTracker, FindsATargetOfAFileAndItsPose) {
   EXPECT_EQ(json["ms"], 7.01);
 }
 
-TEST(TargetTracker, TracksAVideoUntilAnotherSourceBegins) {
+TEST(TargetTracker, TracksVideosAndResetsForAnotherSource) {
   const TargetTracker tracker({poster()});
   TargetState state;
   const auto clip = video();
   const auto frames_of = [&](const std::string& name, double time, bool still = false) {
     const auto result = tracker.process(frame_of(clip.image_at(time), still, name), state);
-    return result.seen.empty() ? 0 : static_cast<int>(result.seen[0].frames);
+    return result.tracked.empty() ? 0 : static_cast<int>(result.tracked[0].frames);
   };
   EXPECT_EQ(frames_of("a.mp4", 0), 1);
   EXPECT_EQ(frames_of("a.mp4", 0.04), 2);
@@ -84,20 +84,20 @@ TEST(TargetTracker, TracksAVideoUntilAnotherSourceBegins) {
   EXPECT_EQ(frames_of("c/2.png", 0.24), 2);  // a folder that is played as a video
 }
 
-TEST(TargetTracker, KnowsNoPoseWithoutACamera) {
+TEST(TargetTracker, HasNoPoseWithoutCamera) {
   const TargetTracker tracker({poster()});
   TargetState state;
   const auto result = tracker.process(frame_of(video().image_at(0), true), state);
-  ASSERT_EQ(result.seen.size(), 1U);
-  EXPECT_FALSE(result.seen[0].pose);
+  ASSERT_EQ(result.tracked.size(), 1U);
+  EXPECT_FALSE(result.tracked[0].pose);
   EXPECT_FALSE(result.camera);
   EXPECT_FALSE(to_json(result)["markers"][0].contains("tvec"));
 }
 
-TEST(TargetTracker, NamesWhatIsWrong) {
+TEST(TargetTracker, RejectsInvalidInput) {
   EXPECT_THROW((void)TargetTracker::load({"/nowhere/x.target.json"}), Error);
   TargetTrackerOptions options;
-  options.track.good_part = 2;
+  options.track.min_inlier_share = 2;
   EXPECT_THROW((void)TargetTracker({}, options), std::invalid_argument);
   options = {};
   options.camera = video().camera();

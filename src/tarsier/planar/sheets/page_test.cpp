@@ -29,7 +29,7 @@ Page simple() {
 
 class PageTest : public FolderTest {};
 
-TEST(PdfTest, TheTableOfItsObjectsIsRight) {
+TEST(PdfTest, CrossReferenceTableIsValid) {
   const std::string pdf = pdf_of({simple(), simple(), simple()}, "three (3)");
   EXPECT_TRUE(pdf.starts_with("%PDF-1.4\n"));
   EXPECT_TRUE(pdf.ends_with("%%EOF\n"));
@@ -71,7 +71,7 @@ TEST(SvgTest, IsInMillimetres) {
   EXPECT_THAT(svg, HasSubstr("a (b) \\ &lt;c&gt; &amp; &quot;d&quot;"));
 }
 
-TEST(RasterTest, PixelsAreMeansOfWhatTheyCover) {
+TEST(RasterTest, PixelsAreAreaMeans) {
   Page page;
   page.size = {25.4, 25.4};
   page.fills.push_back({{{5.08, 5.08, 10.16, 10.16}, {15.24, 5.08, 5.08, 10.16}}, {}, 0});
@@ -93,7 +93,7 @@ TEST(RasterTest, PixelsAreMeansOfWhatTheyCover) {
   EXPECT_NEAR((255.0 * 1e4 - cv::sum(disk)[0]) / 255, CV_PI * 400, 2);
 }
 
-TEST_F(PageTest, PngsTellTheirSize) {
+TEST_F(PageTest, PngStatesPhysicalSize) {
   const std::string png = png_of(simple(), 300);
   const std::size_t place = png.find("pHYs");
   ASSERT_NE(place, std::string::npos);
@@ -118,7 +118,7 @@ TEST_F(PageTest, SeveralPagesAreNumbered) {
   EXPECT_THROW((void)write_pages(path("no/s.pdf"), {simple()}, "", 100), OutputError);
 }
 
-TEST(PageCheckTest, NonsenseIsNamed) {
+TEST(PageCheckTest, RejectsInvalidPages) {
   const auto refused = [](const auto& change) {
     Page page = simple();
     change(page);

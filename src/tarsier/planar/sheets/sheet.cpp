@@ -41,7 +41,7 @@ constexpr std::array<Paper, 5> kPapers{{{"a3", 297, 420},
                                         {"legal", 215.9, 355.6}}};
 
 template <typename T>
-std::optional<T> whole(std::string_view text) {
+std::optional<T> parse_number(std::string_view text) {
   T value{};
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
@@ -49,7 +49,7 @@ std::optional<T> whole(std::string_view text) {
 }
 
 // A number without trailing zeros.
-std::string shown(double mm) { return fmt::format("{:g}", std::round(mm * 1000) / 1000); }
+std::string number_text(double mm) { return fmt::format("{:g}", std::round(mm * 1000) / 1000); }
 
 // A ruler of 100 mm (or 50, or 20) with marks every 10 mm, at the foot of the page.
 void add_ruler(Page& page, double margin) {
@@ -147,8 +147,8 @@ cv::Size2d parse_paper(std::string_view text) {
   if (sides.ends_with("mm")) {
     sides.remove_suffix(2);
     if (const std::size_t x = sides.find('x'); x != std::string_view::npos) {
-      const auto width = whole<double>(sides.substr(0, x));
-      const auto height = whole<double>(sides.substr(x + 1));
+      const auto width = parse_number<double>(sides.substr(0, x));
+      const auto height = parse_number<double>(sides.substr(x + 1));
       if (width && height && *width >= 30 && *width <= 2000 && *height >= 30 && *height <= 2000)
         return {*width, *height};
     }
@@ -171,8 +171,9 @@ std::vector<int> parse_ids(std::string_view text, const std::string& family) {
     const std::size_t comma = rest.find(',');
     const std::string_view part = rest.substr(0, comma);
     const std::size_t dash = part.find('-');
-    const auto first = whole<int>(part.substr(0, dash));
-    const auto last = dash == std::string_view::npos ? first : whole<int>(part.substr(dash + 1));
+    const auto first = parse_number<int>(part.substr(0, dash));
+    const auto last =
+        dash == std::string_view::npos ? first : parse_number<int>(part.substr(dash + 1));
     if (!first || !last || *first > *last) throw fail(fmt::format("'{}'", printable(part)));
     if (*first < 0 || *last >= dictionary.size()) {
       throw fail(fmt::format("{} has the ids 0..{}", dictionary.name(), dictionary.size() - 1));
@@ -225,19 +226,19 @@ std::vector<Page> marker_pages(const std::string& family, const std::vector<int>
                                  options.paper.height - 2 * options.margin - kFoot - kLabelRoom) /
                         rims;
     throw UsageError(fmt::format(
-        "a marker of {} mm with its white rim does not fit a page of {}x{} mm: {}", shown(side),
-        shown(options.paper.width), shown(options.paper.height),
+        "a marker of {} mm with its white rim does not fit a page of {}x{} mm: {}",
+        number_text(side), number_text(options.paper.width), number_text(options.paper.height),
         most >= 1 ? fmt::format("a side of up to {} mm does, or a larger page", cvFloor(most))
                   : "a larger page or a smaller margin is needed"));
   }
   if (side / (dictionary.cells() + 2) < 0.3) {
     throw UsageError(fmt::format("a marker of {} mm has cells of {:.2f} mm: no printer draws them",
-                                 shown(side), side / (dictionary.cells() + 2)));
+                                 number_text(side), side / (dictionary.cells() + 2)));
   }
   const auto on_page = static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows);
   if ((ids.size() + on_page - 1) / on_page > kMaxPages) {
     throw UsageError(fmt::format("{} markers of {} mm are more than {} pages", ids.size(),
-                                 shown(side), kMaxPages));
+                                 number_text(side), kMaxPages));
   }
   const double rim = kRim * side / (dictionary.cells() + 2);
   // The grid of markers is centred on the page.
@@ -258,7 +259,7 @@ std::vector<Page> marker_pages(const std::string& family, const std::vector<int>
     const cv::Rect2d box(tile.x + rim, tile.y + rim, side, side);
     page.fills.push_back({marker_boxes(family, ids[k], box), {}, 0});
     const std::string label =
-        side >= 35 ? fmt::format("{}  id {}  {} mm", dictionary.name(), ids[k], shown(side))
+        side >= 35 ? fmt::format("{}  id {}  {} mm", dictionary.name(), ids[k], number_text(side))
                    : fmt::format("id {}", ids[k]);
     const double height = std::min(kLabel, side / 6);
     page.texts.push_back({{box.x, tile.y + tile.height - 1.5}, height, label, 0.35});
@@ -288,8 +289,8 @@ Page board_page(const BoardSpec& spec, const SheetOptions& options) {
     const double most = std::max(max_of(options.paper), max_of(across));
     throw UsageError(fmt::format(
         "the board {} with {} mm is {}x{} mm large and does not fit a page of {}x{} mm: {}",
-        spec.text(), shown(pitch), shown(print.width), shown(print.height),
-        shown(options.paper.width), shown(options.paper.height),
+        spec.text(), number_text(pitch), number_text(print.width), number_text(print.height),
+        number_text(options.paper.width), number_text(options.paper.height),
         most >= 1 ? fmt::format("a square of up to {:.1f} mm does, or a larger page",
                                 std::floor(most * 10) / 10)
                   : "a larger page or a smaller margin is needed"));
@@ -301,7 +302,7 @@ Page board_page(const BoardSpec& spec, const SheetOptions& options) {
   // Beside the ruler, or above the foot if the page is narrow.
   page.texts.push_back({{options.margin, page.size.height - options.margin - 10.5},
                         kLabel,
-                        fmt::format("--board {} --square {}mm", spec.text(), shown(pitch)),
+                        fmt::format("--board {} --square {}mm", spec.text(), number_text(pitch)),
                         0.35});
   return page;
 }

@@ -82,7 +82,7 @@ TEST(MarkerSheetTest, MarkersAreTrueToScaleAndReadable) {
   }
 }
 
-TEST(MarkerSheetTest, TheLineToCheckIsTenCentimetres) {
+TEST(MarkerSheetTest, RulerIsTenCentimetres) {
   const Page page = marker_pages("6x6_250", {0}, 50, {}).front();
   double longest = 0;
   for (const Line& line : page.lines) longest = std::max(longest, cv::norm(line.to - line.from));
@@ -92,7 +92,7 @@ TEST(MarkerSheetTest, TheLineToCheckIsTenCentimetres) {
   EXPECT_TRUE(found);
 }
 
-TEST(MarkerSheetTest, WhatDoesNotFitIsRefusedWithWhatDoes) {
+TEST(MarkerSheetTest, ErrorNamesSizeThatFits) {
   const std::string text = refusal([] { return marker_pages("6x6_250", {0}, 250, {}); });
   EXPECT_THAT(text, HasSubstr("250 mm"));
   EXPECT_THAT(text, HasSubstr("a side of up to 138 mm"));
@@ -130,7 +130,7 @@ TEST(BoardSheetTest, BoardsAreTrueToScaleAndFound) {
   }
 }
 
-TEST(BoardSheetTest, TurnsThePageWhereItMust) {
+TEST(BoardSheetTest, UsesLandscapeIfNeeded) {
   EXPECT_EQ(board_page(parse_board("chess:9x6", 0.019), {}).size, cv::Size2d(210, 297));
   EXPECT_EQ(board_page(parse_board("chess:9x6", 0.022), {}).size, cv::Size2d(297, 210));
   EXPECT_THAT(refusal([] { return board_page(parse_board("chess:9x6", 0.03), {}); }),

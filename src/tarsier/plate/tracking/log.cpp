@@ -172,7 +172,7 @@ void reclaim_space(Database& database, std::int64_t deleted, const ForgetOptions
     if (options.after_batch) options.after_batch(deleted);
   }
   // The checkpoint blocks other writers while it waits for readers: keep that short.
-  database.set_patience(100);
+  database.set_lock_timeout(100);
   database.run("PRAGMA wal_checkpoint(TRUNCATE)");
 }
 

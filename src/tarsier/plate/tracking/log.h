@@ -112,7 +112,7 @@ class PlateLog {
 
   // Makes several of the calls above atomic.
   [[nodiscard]] Transaction transaction() { return Transaction(database_); }
-  void set_lock_timeout(int milliseconds) { database_.set_patience(milliseconds); }
+  void set_lock_timeout(int milliseconds) { database_.set_lock_timeout(milliseconds); }
   [[nodiscard]] const std::string& path() const { return database_.path(); }
 
   // --- for readers ---

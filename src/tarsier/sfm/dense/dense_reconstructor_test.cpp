@@ -10,7 +10,7 @@
 #include "tarsier/sfm/dense/point_grid.h"
 #include "tarsier/sfm/dense/workspace.h"
 #include "tarsier/sfm/scene/colmap.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -138,7 +138,7 @@ class DenseTest : public FolderTest {
     }
   }
 
-  synth::ReliefScene scene_;
+  synth::SfmScene scene_;
   DenseJob job_;
 };
 

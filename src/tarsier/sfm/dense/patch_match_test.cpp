@@ -7,7 +7,7 @@
 #include "tarsier/sfm/dense/depth_filter.h"
 #include "tarsier/sfm/dense/patch_kernels.h"
 #include "tarsier/sfm/dense/plane_field.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/core/utility.hpp>
@@ -55,7 +55,7 @@ struct SyntheticScene {
     return depth;
   }
 
-  synth::ReliefScene scene;
+  synth::SfmScene scene;
   std::vector<MatchImage> images;
 };
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/features.h"
 
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/core/utility.hpp>
@@ -38,7 +38,7 @@ TEST(FindFeatures, LocatesBlobCentre) {
 }
 
 TEST(FindFeatures, ReducedImageGivesFullImageCoordinates) {
-  const synth::ReliefScene scene({});
+  const synth::SfmScene scene({});
   const cv::Mat image = scene.render(0);
   FeatureOptions half;
   half.max_pixels = static_cast<double>(image.total()) / 4;
@@ -53,7 +53,7 @@ TEST(FindFeatures, ReducedImageGivesFullImageCoordinates) {
 }
 
 TEST(FindFeatures, KeepsStrongestOfEachRegion) {
-  const synth::ReliefScene scene({});
+  const synth::SfmScene scene({});
   cv::Mat image = scene.render(0);
   // The left half has much less contrast, but keeps its share of the features.
   cv::Mat left = image(cv::Rect(0, 0, image.cols / 2, image.rows));
@@ -70,7 +70,7 @@ TEST(FindFeatures, KeepsStrongestOfEachRegion) {
 }
 
 TEST(FindFeatures, ResultDoesNotDependOnNumberOfThreads) {
-  const synth::ReliefScene scene({});
+  const synth::SfmScene scene({});
   const cv::Mat image = scene.render(1);
   for (const FeatureKind kind : {FeatureKind::kSift, FeatureKind::kOrb, FeatureKind::kAkaze}) {
     FeatureOptions options;

@@ -7,7 +7,7 @@
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/testing_centers.h"
 #include "tarsier/sfm/scene/align.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -42,7 +42,7 @@ Problem problem_of(const synth::PointProblem& truth) {
   problem.point_of.resize(truth.poses.size());
   for (std::size_t i = 0; i < truth.poses.size(); ++i)
     problem.images[i].name = "photo-" + std::to_string(i);
-  for (const auto& seen : truth.seen) {
+  for (const auto& seen : truth.observations) {
     const auto i = static_cast<std::size_t>(seen.image);
     problem.images[i].features.emplace_back(seen.pixel);
     problem.point_of[i].push_back(seen.point);
@@ -446,7 +446,7 @@ TEST(Reconstruct, GivesReasonForUnmatchedImage) {
 
 TEST(Reconstruct, PureRotationGivesReasonAndNoModel) {
   synth::PointProblem truth = synth::make_point_problem(7, 3, 300, 0, 0);
-  truth.seen.clear();
+  truth.observations.clear();
   // All cameras at the place of the first.
   const Eigen::Vector3d center = truth.poses[0].center();
   for (int i = 0; i < 3; ++i) {
@@ -461,7 +461,7 @@ TEST(Reconstruct, PureRotationGivesReasonAndNoModel) {
     for (std::size_t p = 0; p < truth.points.size(); ++p) {
       const auto pixel = truth.camera.project(pose * truth.points[p]);
       if (pixel && pixel->x >= 0 && pixel->y >= 0 && pixel->x < 639 && pixel->y < 479)
-        truth.seen.push_back({i, static_cast<int>(p), *pixel, false});
+        truth.observations.push_back({i, static_cast<int>(p), *pixel, false});
     }
   }
   const Reconstruction built = run(problem_of(truth));

@@ -5,7 +5,7 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/sfm/mapper/evaluation.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/core/utility.hpp>
@@ -26,7 +26,7 @@ class Online : public FolderTest {
     scene_options.size = size;
     scene_options.images = images;
     scene_options.trajectory = trajectory;
-    const synth::ReliefScene scene(scene_options);
+    const synth::SfmScene scene(scene_options);
     camera_ = scene.camera();
     std::vector<Input> inputs;
     for (int i = 0; i < scene.count(); ++i) {
@@ -147,7 +147,7 @@ TEST_F(Online, GivesReasonWithoutInitialPairAndContinues) {
   turned.size = {320, 240};
   turned.images = 4;
   turned.pure_rotation = true;
-  const synth::ReliefScene scene(turned);
+  const synth::SfmScene scene(turned);
   camera_ = scene.camera();
   OnlineMapper mapper(options());
   for (int i = 0; i < 4; ++i) {

@@ -9,7 +9,7 @@
 #include "tarsier/sfm/mapper/report.h"
 #include "tarsier/sfm/scene/sensor_image.h"
 #include "tarsier/sfm/scene/testing_exif.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ class PipelineTest : public FolderTest {
  protected:
   // Renders images of a scene into the folder, and appends their ground truth to truth_.
   std::vector<Input> shoot(const synth::SceneOptions& options, const std::string& prefix = "") {
-    const synth::ReliefScene scene(options);
+    const synth::SfmScene scene(options);
     camera_ = scene.camera();
     // Drawn once for all tests.
     static std::map<std::tuple<int, std::uint64_t, synth::Content, bool, double>,
@@ -350,7 +350,7 @@ TEST_F(PipelineTest, ResumesMapperFromCheckpoint) {
 
 // A camera held upright writes the same pixels, and an orientation tag.
 TEST_F(PipelineTest, OrientationsShareLensAndGiveSameModel) {
-  const synth::ReliefScene scene(small_scene(6));
+  const synth::SfmScene scene(small_scene(6));
   const auto shot = [&](const std::string& prefix, const std::vector<int>& orientations) {
     std::vector<Input> inputs;
     for (int i = 0; i < scene.count(); ++i) {

@@ -4,7 +4,7 @@
 #include "tarsier/core/cpu.h"
 #include "tarsier/sfm/mapper/matching.h"
 #include "tarsier/sfm/mapper/sift_kernels.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/core/utility.hpp>
@@ -20,7 +20,7 @@ namespace {
 
 cv::Mat scene_image() {
   cv::Mat gray;
-  cv::cvtColor(synth::ReliefScene(synth::SceneOptions{}).render(0), gray, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(synth::SfmScene(synth::SceneOptions{}).render(0), gray, cv::COLOR_BGR2GRAY);
   return gray;
 }
 

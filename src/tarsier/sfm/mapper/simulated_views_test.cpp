@@ -3,7 +3,7 @@
 
 #include "tarsier/sfm/mapper/features.h"
 #include "tarsier/sfm/mapper/matching.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <gtest/gtest.h>
 #include <opencv2/core/utility.hpp>
@@ -21,7 +21,7 @@ namespace {
 
 constexpr double kDeg = std::numbers::pi / 180;
 
-cv::Mat texture() { return synth::ReliefScene(synth::SceneOptions{}).render(0); }
+cv::Mat texture() { return synth::SfmScene(synth::SceneOptions{}).render(0); }
 
 struct TiltedPlane {
   cv::Mat image;

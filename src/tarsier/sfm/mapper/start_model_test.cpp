@@ -6,7 +6,7 @@
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/sfm/mapper/testing_centers.h"
 #include "tarsier/sfm/scene/colmap.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -31,7 +31,7 @@ class StartPosesTest : public testing::Test {
     cameras_ = {truth_.camera};
     images_.assign(truth_.poses.size(), {});
     std::vector<std::map<int, int>> feature_of(images_.size());
-    for (const auto& seen : truth_.seen) {
+    for (const auto& seen : truth_.observations) {
       const auto i = static_cast<std::size_t>(seen.image);
       feature_of[i][seen.point] = static_cast<int>(images_[i].features.size());
       images_[i].features.emplace_back(seen.pixel);

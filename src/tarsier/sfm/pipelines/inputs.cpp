@@ -72,7 +72,7 @@ void add_names(const fs::path& folder, const std::string& prefix, const fs::path
     const std::string name = entries->path().filename().string();
     if (name.starts_with(".")) continue;
     if (entries->is_regular_file(ignored)) {
-      if (has_image_ending(name)) names.push_back(prefix + name);
+      if (has_image_extension(name)) names.push_back(prefix + name);
     } else if (entries->is_directory(ignored) && !entries->is_symlink(ignored) &&
                depth < kMaxDepth && !has_results(entries->path()) &&
                (output.empty() || !fs::equivalent(entries->path(), output, ignored))) {

@@ -4,7 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <gtest/gtest.h>
 
@@ -26,7 +26,7 @@ class OnlineReconstructing : public FolderTest {
     options.size = {320, 240};
     options.images = 20;
     options.trajectory = synth::Trajectory::kLine;
-    const synth::ReliefScene scene(options);
+    const synth::SfmScene scene(options);
     camera_ = new geometry::Camera(scene.camera());
     video_ = new std::vector<cv::Mat>();
     for (int i = 0; i < scene.count(); ++i) video_->push_back(scene.render(i));

@@ -3,7 +3,7 @@
 
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <fmt/format.h>
 
@@ -21,7 +21,7 @@ class ReliefFolderTest : public FolderTest {
     synth::SceneOptions options;
     options.size = {240, 180};
     options.images = kImages;
-    scene_ = new synth::ReliefScene(options);
+    scene_ = new synth::SfmScene(options);
     images_ = new std::vector<cv::Mat>();
     for (int i = 0; i < kImages; ++i) images_->push_back(scene_->render(i));
   }
@@ -35,7 +35,7 @@ class ReliefFolderTest : public FolderTest {
       write_image(path(fmt::format("images/{}.png", i)), (*images_)[static_cast<std::size_t>(i)]);
   }
 
-  inline static synth::ReliefScene* scene_ = nullptr;
+  inline static synth::SfmScene* scene_ = nullptr;
   inline static std::vector<cv::Mat>* images_ = nullptr;
 };
 

@@ -22,7 +22,7 @@ constexpr double kMaxDeviations = 2.5;
 constexpr double kRoom = 0.6;  // margin of the wide texture around the frame, relative to its size
 
 // Smooth blobs of colour.
-void draw_ground(cv::Mat& image, Rng& rng) {
+void draw_background(cv::Mat& image, Rng& rng) {
   cv::Mat coarse(6, 8, CV_8UC3);
   const std::array<int, 3> base{rng.integer(60, 190), rng.integer(60, 190), rng.integer(60, 190)};
   for (int y = 0; y < coarse.rows; ++y) {
@@ -64,8 +64,9 @@ FaceSynth::FaceSynth(const face::appearance::AppearanceModel& appearance,
   cv::Mat inside;
   cv::erode(warp.mask(), inside, {}, {-1, -1}, 1, cv::BORDER_CONSTANT, cv::Scalar(0));
   outside_(inner_).setTo(0, inside);
-  at_ = warp.frame_points().colwise() + Eigen::Vector2d(room, room);
-  const face::shape::Similarity2d front = face::shape::fit_similarity(head_.mean.topRows(2), at_);
+  points_at_ = warp.frame_points().colwise() + Eigen::Vector2d(room, room);
+  const face::shape::Similarity2d front =
+      face::shape::fit_similarity(head_.mean.topRows(2), points_at_);
   px_per_mm_ = front.scale();
   px_origin_ = {front.tx, front.ty};
   // For each pixel outside, the nearest pixel of the face.
@@ -82,10 +83,11 @@ FaceSynth::FaceSynth(const face::appearance::AppearanceModel& appearance,
       pixel_of_label[label] = y * labels.cols + x;
     }
   }
-  shore_.create(labels.size(), CV_32S);
+  nearest_inside_.create(labels.size(), CV_32S);
   for (int y = 0; y < labels.rows; ++y)
     for (int x = 0; x < labels.cols; ++x)
-      shore_.at<int>(y, x) = pixel_of_label[static_cast<std::size_t>(labels.at<int>(y, x))];
+      nearest_inside_.at<int>(y, x) =
+          pixel_of_label[static_cast<std::size_t>(labels.at<int>(y, x))];
 }
 
 FacePerson FaceSynth::person(std::uint64_t seed, double spread) const {
@@ -113,7 +115,7 @@ cv::Mat FaceSynth::texture(const FacePerson& person) const {
   for (int y = 0; y < wide.rows; ++y) {
     for (int x = 0; x < wide.cols; ++x) {
       if (outside_.at<std::uint8_t>(y, x) == 0) continue;
-      const int from = shore_.at<int>(y, x);
+      const int from = nearest_inside_.at<int>(y, x);
       wide.at<cv::Vec3b>(y, x) = wide.at<cv::Vec3b>(from / wide.cols, from % wide.cols);
     }
   }
@@ -129,9 +131,9 @@ FaceTruth FaceSynth::draw(cv::Mat& image, const FacePerson& person, const geomet
   options.check();
   camera.check();
   Rng rng(seed);
-  if (options.with_ground) {
+  if (options.with_background) {
     image.create(camera.height, camera.width, CV_8UC3);
-    draw_ground(image, rng);
+    draw_background(image, rng);
   }
   TARSIER_REQUIRE(image.cols == camera.width && image.rows == camera.height,
                   "an image of {}x{} px for a camera of {}x{}", image.cols, image.rows,

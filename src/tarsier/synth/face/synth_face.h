@@ -28,12 +28,13 @@ struct FacePerson {
 };
 
 struct FaceSceneOptions {
-  double ambient = 0.75;    // ambient light
-  double diffuse = 0.35;    // directional light
-  double light_yaw = -30;   // degrees, direction of the light; + image right
-  double noise = 2;         // standard deviation, grey levels
-  double blur_px = 0.6;     // standard deviation
-  bool with_ground = true;  // a smooth random background; false: the background of the input image
+  double ambient = 0.75;   // ambient light
+  double diffuse = 0.35;   // directional light
+  double light_yaw = -30;  // degrees, direction of the light; + image right
+  double noise = 2;        // standard deviation, grey levels
+  double blur_px = 0.6;    // standard deviation
+  bool with_background =
+      true;  // a smooth random background; false: the background of the input image
 
   [[nodiscard]] OptionFields fields() {
     return {{"ambient", ambient, range(0, 2)},
@@ -79,11 +80,11 @@ class FaceSynth {
   face::head::HeadModel head_;
   cv::Mat outside_;  // CV_8UC1, 255 where the wide texture shows no face
   // CV_32S, for each pixel outside: index of the nearest pixel inside (y * cols + x).
-  cv::Mat shore_;
-  cv::Rect inner_;             // of the texture's frame in the wide texture
-  Eigen::Matrix2Xd at_;        // of the points in the wide texture, px
-  double px_per_mm_ = 1;       // scale from the front view of the mean head to the wide texture
-  Eigen::Vector2d px_origin_;  // position of the head's origin there
+  cv::Mat nearest_inside_;
+  cv::Rect inner_;              // of the texture's frame in the wide texture
+  Eigen::Matrix2Xd points_at_;  // of the points in the wide texture, px
+  double px_per_mm_ = 1;        // scale from the front view of the mean head to the wide texture
+  Eigen::Vector2d px_origin_;   // position of the head's origin there
 };
 
 }  // namespace tarsier::synth

@@ -99,7 +99,7 @@ render::Mesh FaceSynth::mesh(const FacePerson& person) const {
   };
   for (Eigen::Index i = 0; i < shape.cols(); ++i) {
     mesh.positions.push_back(float_of({shape(0, i), shape(1, i), shape(2, i)}));
-    mesh.uvs.push_back(uv_of(at_(0, i), at_(1, i)));
+    mesh.uvs.push_back(uv_of(points_at_(0, i), points_at_(1, i)));
   }
   for (const face::shape::Triangle& corners : appearance_.mesh) {
     render::Triangle triangle;
@@ -140,7 +140,7 @@ render::Mesh FaceSynth::mesh(const FacePerson& person) const {
   const double radius = 0.62 * skull.radius[0];
   const double chin = shape.row(1).maxCoeff();
   const Eigen::Index cheek = 4 < shape.cols() ? 4 : 0;
-  const cv::Vec2f tone = uv_of(at_(0, cheek) + 2, at_(1, cheek));
+  const cv::Vec2f tone = uv_of(points_at_(0, cheek) + 2, points_at_(1, cheek));
   add_rings(
       mesh, 4, 24,
       [&](int r, int s) {

@@ -45,7 +45,7 @@ class SynthFaceTest : public ::testing::Test {
 std::unique_ptr<face::appearance::AppearanceModel> SynthFaceTest::model_;
 std::unique_ptr<FaceSynth> SynthFaceTest::synth_;
 
-TEST_F(SynthFaceTest, TheTruthIsTheProjectionOfTheHeadsPoints) {
+TEST_F(SynthFaceTest, TruthIsProjectionOfHeadPoints) {
   FacePerson mean;
   mean.b = Eigen::VectorXd::Zero(synth_->head().mode_count());
   cv::Mat image;
@@ -83,7 +83,7 @@ TEST_F(SynthFaceTest, EyesAreDarkerThanTheCheeksBelowThem) {
   }
 }
 
-TEST_F(SynthFaceTest, IsTheSameForASeedAndAnyThreads) {
+TEST_F(SynthFaceTest, DependsOnSeedNotThreads) {
   const FacePerson person = synth_->person(7);
   cv::Mat first;
   cv::Mat second;
@@ -98,9 +98,9 @@ TEST_F(SynthFaceTest, IsTheSameForASeedAndAnyThreads) {
   EXPECT_GT(cv::norm(first, other, cv::NORM_L1) / static_cast<double>(first.total()), 1);
 }
 
-TEST_F(SynthFaceTest, KeepsAGivenImageAroundTheHead) {
+TEST_F(SynthFaceTest, KeepsGivenBackground) {
   FaceSceneOptions options;
-  options.with_ground = false;
+  options.with_background = false;
   options.noise = 0;
   options.blur_px = 0;
   cv::Mat image(240, 320, CV_8UC3, cv::Scalar(1, 2, 3));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/synth/relief_objects.h"
+#include "tarsier/synth/sfm_scene_objects.h"
 
 #include <algorithm>
 #include <cmath>
@@ -29,7 +29,7 @@ Solid make_solid(Form form, double x, double y, double half_x, double half_y, do
   return solid;
 }
 
-Solid half_turned(Solid solid) {
+Solid rotated_180(Solid solid) {
   solid.x = -solid.x;
   solid.y = -solid.y;
   solid.cosine = -1;
@@ -56,17 +56,17 @@ SymmetricObject::SymmetricObject(Kind kind, double details, double texels_per_un
       make_toy();
       break;
   }
-  give_looks();
+  assign_textures();
   place_details(details, rng);
   texture_ = Texture(kTextureWidth, kind == Kind::kBox ? kCell : kObjectHeight, texels_per_unit,
                      texture_rng);
 }
 
-// Adds a solid that looks like the one with index `like`; returns its index.
-int SymmetricObject::add(const Solid& solid, int like) {
+// Adds a solid that looks like the one with index `same_as`; returns its index.
+int SymmetricObject::add(const Solid& solid, int same_as) {
   const auto number = static_cast<int>(solids_.size());
   solids_.push_back(solid);
-  like_.push_back(like < 0 ? number : like);
+  same_as_.push_back(same_as < 0 ? number : same_as);
   return number;
 }
 
@@ -96,38 +96,41 @@ void SymmetricObject::make_toy() {
   add(make_solid(Form::kBox, 0, 0, 0.45, 0.8, 0.9, 2.1));
   add(make_solid(Form::kColumn, 0, 0, 0.2, 0.2, 2.1, 2.3));
   add(make_solid(Form::kBox, 0, 0, 0.4, 0.45, 2.3, 3));
-  const auto add_two = [&](const Solid& solid) { add(half_turned(solid), add(solid)); };
+  const auto add_two = [&](const Solid& solid) { add(rotated_180(solid), add(solid)); };
   add_two(make_solid(Form::kBox, 0, 0.42, 0.3, 0.3, 0.2, 0.9));
   add_two(make_solid(Form::kColumn, 0, 1, 0.17, 0.17, 0.8, 2));
 }
 
 // The centre of a free place of the texture.
-cv::Point2d SymmetricObject::room_for(double width) {
-  if (free_.x + width > kTextureWidth) free_ = {0, free_.y + kShelf};
-  const cv::Point2d middle(free_.x + width / 2, free_.y + kShelf / 2);
-  free_.x += width + kGap;
-  return middle;
+cv::Point2d SymmetricObject::allocate_texture(double width) {
+  if (next_free_.x + width > kTextureWidth) next_free_ = {0, next_free_.y + kShelf};
+  const cv::Point2d center(next_free_.x + width / 2, next_free_.y + kShelf / 2);
+  next_free_.x += width + kGap;
+  return center;
 }
 
-void SymmetricObject::give_looks() {
+void SymmetricObject::assign_textures() {
   faces_.resize(solids_.size());
   for (std::size_t k = 0; k < solids_.size(); ++k) {
     const Solid& solid = solids_[k];
     for (int face = 0; face < faces_of(solid); ++face) {
-      Face& here = faces_[k][static_cast<std::size_t>(face)];
+      Face& entry = faces_[k][static_cast<std::size_t>(face)];
       if (kind_ == Kind::kBox) {
-        here.look = {kCell / 2, kCell / 2};
-        here.own = {kCell * (1 + face + 0.5), kCell / 2};
+        entry.texture_center = {kCell / 2, kCell / 2};
+        entry.detail_center = {kCell * (1 + face + 0.5), kCell / 2};
         continue;
       }
       const double width = solid.size_of(face).width;
-      here.own = room_for(width);
-      if (like_[k] != static_cast<int>(k)) {
-        here.look = faces_[static_cast<std::size_t>(like_[k])][static_cast<std::size_t>(face)].look;
+      entry.detail_center = allocate_texture(width);
+      if (same_as_[k] != static_cast<int>(k)) {
+        entry.texture_center =
+            faces_[static_cast<std::size_t>(same_as_[k])][static_cast<std::size_t>(face)]
+                .texture_center;
       } else if (is_centred(solid) && face % 2 == 1) {
-        here.look = faces_[k][static_cast<std::size_t>(face - 1)].look;  // after half a turn
+        entry.texture_center =
+            faces_[k][static_cast<std::size_t>(face - 1)].texture_center;  // after half a turn
       } else {
-        here.look = room_for(width);
+        entry.texture_center = allocate_texture(width);
       }
     }
   }
@@ -135,45 +138,45 @@ void SymmetricObject::give_looks() {
 
 // Adds rectangles to each face until they cover the share of it, or as many as fit.
 void SymmetricObject::place_details(double share, Rng rng) {
-  constexpr int kTries = 1000;
+  constexpr int kMaxAttempts = 1000;
   for (std::size_t k = 0; k < solids_.size(); ++k) {
     for (int face = 0; face < faces_of(solids_[k]); ++face) {
       const cv::Size2d size = solids_[k].size_of(face);
-      const double wanted = share * size.area();
+      const double target_area = share * size.area();
       const double largest = std::min({0.6, size.width, size.height});
       const double smallest = std::min(0.3, largest / 2);
-      std::vector<cv::Rect2d>& placed = faces_[k][static_cast<std::size_t>(face)].details;
+      std::vector<cv::Rect2d>& details = faces_[k][static_cast<std::size_t>(face)].details;
       double covered = 0;
-      for (int i = 0; i < kTries && covered < wanted; ++i) {
-        const double left = std::min(largest, std::sqrt(wanted - covered));
+      for (int i = 0; i < kMaxAttempts && covered < target_area; ++i) {
+        const double left = std::min(largest, std::sqrt(target_area - covered));
         cv::Rect2d detail;
         detail.width = std::min(left, rng.uniform(smallest, largest));
         detail.height = std::min(left, rng.uniform(smallest, largest));
         detail.x = rng.uniform(-size.width / 2, size.width / 2 - detail.width);
         detail.y = rng.uniform(-size.height / 2, size.height / 2 - detail.height);
-        if (std::any_of(placed.begin(), placed.end(),
+        if (std::any_of(details.begin(), details.end(),
                         [&](const cv::Rect2d& other) { return (other & detail).area() > 0; }))
           continue;
-        placed.push_back(detail);
+        details.push_back(detail);
         covered += detail.area();
       }
     }
   }
 }
 
-cv::Vec3f SymmetricObject::colour(int solid, int face, const Eigen::Vector3d& own,
+cv::Vec3f SymmetricObject::colour(int solid, int face, const Eigen::Vector3d& local,
                                   double footprint) const {
   if (face >= kTopFace) return kTop;
   const auto number = static_cast<std::size_t>(solid);
-  const Face& here = faces_[number][static_cast<std::size_t>(face)];
-  cv::Point2d at = solids_[number].on_face(face, own);
-  const bool is_detail = std::any_of(here.details.begin(), here.details.end(),
+  const Face& entry = faces_[number][static_cast<std::size_t>(face)];
+  cv::Point2d at = solids_[number].on_face(face, local);
+  const bool is_detail = std::any_of(entry.details.begin(), entry.details.end(),
                                      [&](const cv::Rect2d& detail) { return detail.contains(at); });
   // Columns look the same from four sides.
   if (!is_detail && solids_[number].form == Form::kColumn)
     at.x = std::fmod(at.x + solids_[number].size_of(face).width,
                      solids_[number].size_of(face).width / 4);
-  const cv::Point2d in_texture = at + (is_detail ? here.own : here.look);
+  const cv::Point2d in_texture = at + (is_detail ? entry.detail_center : entry.texture_center);
   return texture_.at(in_texture.x, in_texture.y, footprint);
 }
 

@@ -4,18 +4,18 @@
 #include "tarsier/geometry/camera.h"
 #include "tarsier/geometry/rigid3.h"
 #include "tarsier/synth/height_field.h"
-#include "tarsier/synth/relief.h"
-#include "tarsier/synth/relief_solids.h"
+#include "tarsier/synth/sfm_scene.h"
+#include "tarsier/synth/sfm_scene_solids.h"
 
 #include <opencv2/core.hpp>
 
 #include <span>
 #include <stop_token>
 
-// Triangulates the surface of relief.h. Internal to this module.
+// Triangulates the surface of sfm_scene.h. Internal to this module.
 namespace tarsier::synth {
 
-// The field over `region` (x, y) and the solids on it, as in ReliefScene::surface(). Throws
+// The field over `region` (x, y) and the solids on it, as in SfmScene::surface(). Throws
 // Interrupted.
 [[nodiscard]] SceneSurface triangulate(const HeightField& field, std::span<const Solid> solids,
                                        const geometry::Camera& camera,

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/synth/height_field.h"
 #include "tarsier/synth/noise.h"
-#include "tarsier/synth/relief_objects.h"
-#include "tarsier/synth/relief_paths.h"
-#include "tarsier/synth/relief_solids.h"
-#include "tarsier/synth/relief_streets.h"
-#include "tarsier/synth/relief_surface.h"
-#include "tarsier/synth/relief_texture.h"
+#include "tarsier/synth/sfm_scene_objects.h"
+#include "tarsier/synth/sfm_scene_paths.h"
+#include "tarsier/synth/sfm_scene_solids.h"
+#include "tarsier/synth/sfm_scene_streets.h"
+#include "tarsier/synth/sfm_scene_surface.h"
+#include "tarsier/synth/sfm_scene_texture.h"
 
 #include <Eigen/Geometry>
 #include <opencv2/imgproc.hpp>
@@ -31,7 +31,7 @@ const Eigen::Vector3d kSun{-0.46, 0.55, 0.697};
 constexpr double kAmbient = 0.45;
 constexpr double kDirect = 0.75;
 const cv::Vec3f kSky{214, 198, 180};
-const cv::Vec3f kBare{150, 150, 150};
+const cv::Vec3f kUntextured{150, 150, 150};
 
 constexpr double kWallWidth = 51.2;  // units, period of the wall's texture: larger than the view
 constexpr double kWallHeight = 25.6;
@@ -88,7 +88,7 @@ void SceneOptions::check() const {
                   "a street needs two images or more, and a camera that moves");
 }
 
-struct ReliefScene::Parts {
+struct SfmScene::Parts {
   SceneOptions options;
   geometry::Camera camera;
   std::vector<geometry::Rigid3> poses;
@@ -99,7 +99,7 @@ struct ReliefScene::Parts {
   Texture wall;               // not used by kNothing
   Texture faces;              // for boxes
 
-  explicit Parts(const SceneOptions& wanted) : options(wanted) {
+  explicit Parts(const SceneOptions& scene_options) : options(scene_options) {
     const int side = std::max(options.size.width, options.size.height);
     const double focal = options.focal_px > 0 ? options.focal_px : side;
     camera = make_camera(options.size, focal);
@@ -155,7 +155,7 @@ struct ReliefScene::Parts {
   }
 
   // Whether cameras see more than one period of the texture.
-  [[nodiscard]] bool goes_far() const {
+  [[nodiscard]] bool repeats_texture() const {
     return options.trajectory == Trajectory::kGrid || options.content == Content::kHouses;
   }
 
@@ -165,7 +165,7 @@ struct ReliefScene::Parts {
                           : make_city(options.images, options.repeats, base.fork(kBoxStream));
     solids = std::move(streets.solids);
     houses = std::move(streets.houses);
-    poses = poses_along(streets.way, options.images, base.fork(kPoseStream));
+    poses = poses_along(streets.path, options.images, base.fork(kPoseStream));
   }
 
   void build_village(const Rng& rng) {
@@ -227,7 +227,7 @@ struct ReliefScene::Parts {
 
   // The data of one camera for its rays.
   struct View {
-    struct Shown {
+    struct VisibleSolid {
       std::size_t solid = 0;
       // The camera's centre, in the solid's own axes.
       Eigen::Vector3d from = Eigen::Vector3d::Zero();
@@ -235,14 +235,14 @@ struct ReliefScene::Parts {
     };
     Eigen::Matrix3d to_world = Eigen::Matrix3d::Zero();
     Eigen::Vector3d center = Eigen::Vector3d::Zero();
-    std::vector<Shown> shown;  // solids that may be visible
+    std::vector<VisibleSolid> visible;  // solids that may be visible
   };
 
   [[nodiscard]] View view_of(const geometry::Rigid3& pose) const {
     View view{pose.rotation.transpose(), pose.center(), {}};
     for (std::size_t i = 0; i < solids.size(); ++i) {
       const Solid& solid = solids[i];
-      const Eigen::Vector3d place(solid.x, solid.y, 0);
+      const Eigen::Vector3d offset(solid.x, solid.y, 0);
       double left = 1e9;
       double right = -1e9;
       double upper = 1e9;
@@ -255,7 +255,7 @@ struct ReliefScene::Parts {
         const Eigen::Vector3d corner{(k & 1U) != 0 ? solid.half[0] : -solid.half[0],
                                      (k & 2U) != 0 ? half_y : -half_y,
                                      (k & 4U) != 0 ? solid.top : solid.bottom};
-        const Eigen::Vector3d at = pose * (solid.from_own(corner) + place);
+        const Eigen::Vector3d at = pose * (solid.from_local(corner) + offset);
         nearest = std::min(nearest, at[2]);
         farthest = std::max(farthest, at[2]);
         const double u = camera.fx * at[0] / at[2] + camera.cx;
@@ -265,13 +265,13 @@ struct ReliefScene::Parts {
         upper = std::min(upper, v - 1);
         lower = std::max(lower, v + 1);
       }
-      if (farthest <= 0 || nearest >= kFarthest) continue;
+      if (farthest <= 0 || nearest >= kMaxDistance) continue;
       if (nearest < 0.1) {  // beside the camera: the whole image
         left = upper = -1e9;
         right = lower = 1e9;
       }
-      view.shown.push_back({i, solid.to_own(view.center - place),
-                            cv::Rect2d(left, upper, right - left, lower - upper)});
+      view.visible.push_back({i, solid.to_local(view.center - offset),
+                              cv::Rect2d(left, upper, right - left, lower - upper)});
     }
     return view;
   }
@@ -286,10 +286,11 @@ struct ReliefScene::Parts {
   [[nodiscard]] Hit trace(const View& view, const Eigen::Vector3d& direction, double u, double v,
                           double clear = 0) const {
     Hit hit;
-    for (const View::Shown& shown : view.shown) {
-      if (!shown.around.contains(cv::Point2d(u, v))) continue;
-      const Solid& solid = solids[shown.solid];
-      meet(solid, static_cast<int>(shown.solid), shown.from, solid.to_own(direction), hit);
+    for (const View::VisibleSolid& candidate : view.visible) {
+      if (!candidate.around.contains(cv::Point2d(u, v))) continue;
+      const Solid& solid = solids[candidate.solid];
+      intersect(solid, static_cast<int>(candidate.solid), candidate.from, solid.to_local(direction),
+                hit);
     }
     const double t = field.first_hit(view.center, direction, hit.t, clear);
     if (t < hit.t) hit = {t, -1, 0, true};
@@ -308,8 +309,8 @@ struct ReliefScene::Parts {
         const double u = static_cast<double>(k % (kRays + 1)) / kRays * (camera.width - 1);
         const double v = static_cast<double>(k / (kRays + 1)) / kRays * (camera.height - 1);
         const Eigen::Vector3d direction = ray(view, u, v);
-        const double t = field.first_hit(view.center, direction, kFarthest);
-        if (!(t < kFarthest)) continue;
+        const double t = field.first_hit(view.center, direction, kMaxDistance);
+        if (!(t < kMaxDistance)) continue;
         const Eigen::Array2d at = (view.center + t * direction).head<2>().array();
         low = low.min(at);
         high = high.max(at);
@@ -323,7 +324,7 @@ struct ReliefScene::Parts {
 
   // Colour of the ground at (x, y).
   [[nodiscard]] cv::Vec3f ground(double x, double y, double footprint) const {
-    if (!goes_far()) return wall.at(x + kWallWidth / 2, y + kWallHeight / 2, footprint);
+    if (!repeats_texture()) return wall.at(x + kWallWidth / 2, y + kWallHeight / 2, footprint);
     const auto column = static_cast<std::uint32_t>(floor_of(x / kParcel));
     const auto row = static_cast<std::uint32_t>(floor_of(y / kParcel));
     const std::uint64_t key = (std::uint64_t{1} << 62U) + (std::uint64_t{column} << 31U) + row;
@@ -331,7 +332,7 @@ struct ReliefScene::Parts {
   }
 
   // For kPatchy: squares of 1.5 units without texture.
-  [[nodiscard]] bool is_bare(const Eigen::Vector3d& at) const {
+  [[nodiscard]] bool is_untextured(const Eigen::Vector3d& at) const {
     if (options.content != Content::kPatchy) return false;
     const int column = floor_of(at[0] / 1.5);
     const int row = floor_of(at[1] / 1.5);
@@ -350,7 +351,7 @@ struct ReliefScene::Parts {
   [[nodiscard]] cv::Vec3f colour(const View& view, const Eigen::Vector3d& direction,
                                  const Hit& hit) const {
     if (hit.solid < 0 && is_symmetric()) return kWhite;
-    if (!hit.is_any) return kSky;
+    if (!hit.is_hit) return kSky;
     // Two samples per pixel width.
     const double reach = std::sqrt(direction.dot(direction));
     const auto footprint = [&](const Eigen::Vector3d& normal) {
@@ -364,15 +365,17 @@ struct ReliefScene::Parts {
       const Eigen::Vector3d at = view.center + hit.t * direction;
       const cv::Vec2d slope = field.slope(at[0], at[1]);
       const Eigen::Vector3d normal = Eigen::Vector3d(-slope[0], -slope[1], 1).normalized();
-      if (options.content == Content::kNothing || is_bare(at)) return light(normal) * kBare;
+      if (options.content == Content::kNothing || is_untextured(at))
+        return light(normal) * kUntextured;
       const cv::Vec3f matt = light(normal) * ground(at[0], at[1], footprint(normal));
       return options.content == Content::kShiny ? matt + highlight(normal, direction) : matt;
     }
     const auto number = static_cast<std::size_t>(hit.solid);
     const Solid& solid = solids[number];
-    const Eigen::Vector3d place(solid.x, solid.y, 0);
-    const Eigen::Vector3d at = solid.to_own(view.center - place) + hit.t * solid.to_own(direction);
-    const Eigen::Vector3d normal = solid.from_own(solid.normal(hit.face, at));
+    const Eigen::Vector3d offset(solid.x, solid.y, 0);
+    const Eigen::Vector3d at =
+        solid.to_local(view.center - offset) + hit.t * solid.to_local(direction);
+    const Eigen::Vector3d normal = solid.from_local(solid.normal(hit.face, at));
     if (is_symmetric())
       return light(normal) * object.colour(hit.solid, hit.face, at, footprint(normal));
     if (!houses.empty()) {
@@ -388,18 +391,18 @@ struct ReliefScene::Parts {
   }
 };
 
-ReliefScene::ReliefScene(const SceneOptions& options) {
+SfmScene::SfmScene(const SceneOptions& options) {
   options.check();
   parts_ = std::make_shared<const Parts>(options);
 }
 
-int ReliefScene::count() const { return parts_->options.images; }
+int SfmScene::count() const { return parts_->options.images; }
 
-geometry::Camera ReliefScene::camera() const { return parts_->camera; }
+geometry::Camera SfmScene::camera() const { return parts_->camera; }
 
-geometry::Rigid3 ReliefScene::pose(int index) const { return parts_->pose_of(index); }
+geometry::Rigid3 SfmScene::pose(int index) const { return parts_->pose_of(index); }
 
-cv::Mat ReliefScene::render(int index, const std::stop_token& stop) const {
+cv::Mat SfmScene::render(int index, const std::stop_token& stop) const {
   const Parts& parts = *parts_;
   const Parts::View view = parts.view_of(parts.pose_of(index));
   cv::Mat image(parts.options.size, CV_8UC3);
@@ -414,14 +417,14 @@ cv::Mat ReliefScene::render(int index, const std::stop_token& stop) const {
     for (int block = blocks.start; block < blocks.end && !stop.stop_requested(); ++block) {
       const int left = block % across * kBlock;
       const int top = block / across * kBlock;
-      const double middle = (kBlock - 1) / 2.0;
-      const double block_clear = parts.field.clear_until(
-          view.center, parts.ray(view, left + middle, top + middle), spread(middle + kSample), 0);
+      const double center = (kBlock - 1) / 2.0;
+      const double block_clear = parts.field.free_distance(
+          view.center, parts.ray(view, left + center, top + center), spread(center + kSample), 0);
       for (int y = top; y < std::min(top + kBlock, image.rows); ++y) {
         auto* out = image.ptr<cv::Vec3b>(y);
         for (int x = left; x < std::min(left + kBlock, image.cols); ++x) {
-          const double clear = parts.field.clear_until(view.center, parts.ray(view, x, y),
-                                                       spread(kSample), block_clear);
+          const double clear = parts.field.free_distance(view.center, parts.ray(view, x, y),
+                                                         spread(kSample), block_clear);
           cv::Vec3f sum{0, 0, 0};
           for (int k = 0; k < 4; ++k) {
             const double u = x + (k % 2 == 0 ? -kSample : kSample);
@@ -440,15 +443,15 @@ cv::Mat ReliefScene::render(int index, const std::stop_token& stop) const {
   return image;
 }
 
-std::optional<double> ReliefScene::depth(int index, cv::Point2d pixel) const {
+std::optional<double> SfmScene::depth(int index, cv::Point2d pixel) const {
   const Parts& parts = *parts_;
   const Parts::View view = parts.view_of(parts.pose_of(index));
   const Hit hit = parts.trace(view, parts.ray(view, pixel.x, pixel.y), pixel.x, pixel.y);
-  if (!hit.is_any) return std::nullopt;
+  if (!hit.is_hit) return std::nullopt;
   return hit.t;
 }
 
-SceneSurface ReliefScene::surface(double step, const std::stop_token& stop) const {
+SceneSurface SfmScene::surface(double step, const std::stop_token& stop) const {
   TARSIER_REQUIRE(step >= 0.005 && step <= 1, "steps of {} units", step);
   const Parts& parts = *parts_;
   return triangulate(parts.field, parts.solids, parts.camera, parts.poses, parts.region_in_view(),
@@ -466,11 +469,11 @@ PointProblem make_point_problem(std::uint64_t seed, int images, int points, doub
   problem.camera = make_camera(size, size.width);
   const geometry::Camera& camera = problem.camera;
   const Rng base(seed);
-  Rng places = base.fork(1);
+  Rng positions = base.fork(1);
   for (int i = 0; i < points; ++i) {
-    const double x = places.uniform(-3, 3);
-    const double y = places.uniform(-2, 2);
-    problem.points.push_back(kSceneMiddle + Eigen::Vector3d(x, y, places.uniform(-1.5, 1.5)));
+    const double x = positions.uniform(-3, 3);
+    const double y = positions.uniform(-2, 2);
+    problem.points.push_back(kSceneCenter + Eigen::Vector3d(x, y, positions.uniform(-1.5, 1.5)));
   }
   const cv::Rect2d image(-0.5, -0.5, size.width, size.height);
   for (int i = 0; i < images; ++i) {
@@ -482,17 +485,17 @@ PointProblem make_point_problem(std::uint64_t seed, int images, int points, doub
       const cv::Point2d exact(camera.fx * at[0] / at[2] + camera.cx,
                               camera.fy * at[1] / at[2] + camera.cy);
       if (!image.contains(exact)) continue;
-      PointProblem::Seen seen{i, k, exact, rng.uniform() < outlier_share};
-      if (seen.outlier) {
+      PointProblem::Observation observation{i, k, exact, rng.uniform() < outlier_share};
+      if (observation.outlier) {
         do {
-          seen.pixel.x = rng.uniform(0, size.width - 1);
-          seen.pixel.y = rng.uniform(0, size.height - 1);
-        } while (cv::norm(seen.pixel - exact) <= 10);
+          observation.pixel.x = rng.uniform(0, size.width - 1);
+          observation.pixel.y = rng.uniform(0, size.height - 1);
+        } while (cv::norm(observation.pixel - exact) <= 10);
       } else {
-        seen.pixel.x += rng.normal(0, noise_px);
-        seen.pixel.y += rng.normal(0, noise_px);
+        observation.pixel.x += rng.normal(0, noise_px);
+        observation.pixel.y += rng.normal(0, noise_px);
       }
-      problem.seen.push_back(seen);
+      problem.observations.push_back(observation);
     }
   }
   return problem;

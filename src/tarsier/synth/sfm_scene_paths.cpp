@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/synth/relief_paths.h"
+#include "tarsier/synth/sfm_scene_paths.h"
 
 #include <Eigen/Geometry>
 
@@ -72,18 +72,18 @@ geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, double rin
     case Trajectory::kArc: {
       const double angle = spread(index, count, kStepDeg, kSpanDeg) * kRadians;
       const Eigen::Vector3d center =
-          kSceneMiddle + kCameraDistance * Eigen::Vector3d(std::sin(angle), 0, std::cos(angle)) +
+          kSceneCenter + kCameraDistance * Eigen::Vector3d(std::sin(angle), 0, std::cos(angle)) +
           shake;
-      return look_along(center, kSceneMiddle + aim - center, y_up, roll);
+      return look_along(center, kSceneCenter + aim - center, y_up, roll);
     }
     case Trajectory::kRing: {
       const double angle = 360.0 * index / count * kRadians;
       const double rise = (ring_deg + rng.uniform(-2, 2)) * kRadians;
       const Eigen::Vector3d center =
-          kSceneMiddle + kCameraDistance * Eigen::Vector3d(std::cos(rise) * std::cos(angle),
+          kSceneCenter + kCameraDistance * Eigen::Vector3d(std::cos(rise) * std::cos(angle),
                                                            std::cos(rise) * std::sin(angle),
                                                            std::sin(rise));
-      return look_along(center, kSceneMiddle + aim - center, {0, 0, 1}, roll);
+      return look_along(center, kSceneCenter + aim - center, {0, 0, 1}, roll);
     }
     case Trajectory::kGrid:
       return look_along(over_grid(index, count) + shake,

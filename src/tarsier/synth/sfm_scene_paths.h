@@ -3,18 +3,18 @@
 
 #include "tarsier/core/rng.h"
 #include "tarsier/geometry/rigid3.h"
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
 #include <Eigen/Core>
 
 #include <span>
 #include <vector>
 
-// The camera poses of relief.h. Internal to this module.
+// The camera poses of sfm_scene.h. Internal to this module.
 namespace tarsier::synth {
 
 constexpr double kCameraDistance = 10;          // units, from the cameras to the centre of view
-const Eigen::Vector3d kSceneMiddle{0, 0, 0.8};  // centre of view of arc and ring
+const Eigen::Vector3d kSceneCenter{0, 0, 0.8};  // centre of view of arc and ring
 constexpr double kRingDeg = 42;                 // elevation of a ring above the ground
 
 // Around the centre, along a line, or over a grid. With pure_rotation, the camera is in front of

@@ -18,21 +18,21 @@ struct TrialView {
 [[nodiscard]] TrialView trial_view(const Target& target, int trial, std::uint64_t seed);
 
 // Statistics of each trained feature over the trials.
-struct Rehearsal {
-  std::vector<int> right;  // number of correct matches
-  std::vector<int> wrong;  // number of wrong matches
+struct TrialResult {
+  std::vector<int> correct;  // number of correct matches
+  std::vector<int> wrong;    // number of wrong matches
   // 0..1: median over the trials of the share of a view's features on the image that were matched
   // correctly.
-  double repeatable = 0;
+  double repeatability = 0;
 };
 
 // Matches the features of `trials` views with the target. Deterministic for a given seed. Throws
 // Interrupted.
-[[nodiscard]] Rehearsal rehearse(const Target& target, int trials, std::uint64_t seed,
-                                 const std::stop_token& stop);
+[[nodiscard]] TrialResult run_trials(const Target& target, int trials, std::uint64_t seed,
+                                     const std::stop_token& stop);
 
-// Keeps the `most` best features, in their order. Features without a correct match are kept only if
+// Keeps the `max_features` best features, in their order. Features without a correct match are kept only if
 // there is room.
-void keep_best(Target& target, const Rehearsal& rehearsal, std::size_t most);
+void keep_best_features(Target& target, const TrialResult& result, std::size_t max_features);
 
 }  // namespace tarsier::planar::image_targets

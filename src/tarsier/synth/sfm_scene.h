@@ -84,9 +84,9 @@ struct SceneSurface {
 // Const after construction; copies share their data. The same options give the same scene. Another
 // size or focal length gives the same scene seen by another camera. Scenes of different seeds have
 // different textures.
-class ReliefScene {
+class SfmScene {
  public:
-  explicit ReliefScene(const SceneOptions& options);  // throws std::invalid_argument
+  explicit SfmScene(const SceneOptions& options);  // throws std::invalid_argument
 
   [[nodiscard]] int count() const;                // number of images
   [[nodiscard]] geometry::Camera camera() const;  // of all images, without distortion
@@ -113,16 +113,16 @@ class ReliefScene {
 
 // Simulated observations of points, without images.
 struct PointProblem {
-  struct Seen {
+  struct Observation {
     int image = 0;
     int point = 0;
     cv::Point2d pixel;
     bool outlier = false;  // random pixel, more than 10 px from the truth
   };
-  geometry::Camera camera;              // 640 x 480, without distortion
-  std::vector<geometry::Rigid3> poses;  // camera from world
-  std::vector<Eigen::Vector3d> points;  // world
-  std::vector<Seen> seen;               // by image, then by point
+  geometry::Camera camera;                // 640 x 480, without distortion
+  std::vector<geometry::Rigid3> poses;    // camera from world
+  std::vector<Eigen::Vector3d> points;    // world
+  std::vector<Observation> observations;  // by image, then by point
 };
 
 // Cameras on an arc as in Trajectory::kArc, points uniform in a volume of 6 x 4 x 3 units, and the

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/synth/relief.h"
+#include "tarsier/synth/sfm_scene.h"
 
-#include "tarsier/synth/relief_streets.h"
+#include "tarsier/synth/sfm_scene_streets.h"
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
@@ -40,7 +40,7 @@ std::vector<Trajectory> trajectories_of(Content content) {
 // Agreement of an object's colours in its first image with those at the point half a rotation
 // around it, in the opposite image. It compares the share of red, which does not depend on the
 // light.
-double likeness_after_half_a_turn(const ReliefScene& scene) {
+double correlation_after_half_turn(const SfmScene& scene) {
   const int opposite = scene.count() / 2;
   const geometry::Camera camera = scene.camera();
   cv::Mat a;
@@ -78,13 +78,13 @@ double likeness_after_half_a_turn(const ReliefScene& scene) {
 
 bool is_same(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
 
-TEST(ReliefScene, DetailsAreAllThatTellTheSidesOfASymmetricBoxApart) {
+TEST(SfmScene, SymmetricBoxSidesDifferOnlyInDetails) {
   SceneOptions options = small(Content::kSymmetric, Trajectory::kRing);
   options.images = 4;  // one side each
   options.details = 0;
-  const cv::Mat plain = ReliefScene(options).render(0);
+  const cv::Mat plain = SfmScene(options).render(0);
   options.details = 0.1;
-  const ReliefScene scene(options);
+  const SfmScene scene(options);
   cv::Mat differs;
   cv::absdiff(plain, scene.render(0), differs);
   cv::cvtColor(differs, differs, cv::COLOR_BGR2GRAY);
@@ -99,7 +99,7 @@ TEST(ReliefScene, DetailsAreAllThatTellTheSidesOfASymmetricBoxApart) {
   EXPECT_THROW(options.check(), std::invalid_argument);
 }
 
-TEST(ReliefScene, DepthAndPosesFitTheImages) {
+TEST(SfmScene, DepthAndPosesMatchImages) {
   for (const Content content :
        {Content::kRelief, Content::kBoxes, Content::kPlane, Content::kRoom, Content::kThin,
         Content::kPatchy, Content::kSymmetric, Content::kTemple, Content::kToy, Content::kHouses}) {
@@ -107,7 +107,7 @@ TEST(ReliefScene, DepthAndPosesFitTheImages) {
       SceneOptions options = small(content, trajectory);
       // All of it, even with few images.
       if (trajectory == Trajectory::kCity) options.images = 100;
-      const ReliefScene scene(options);
+      const SfmScene scene(options);
       cv::Mat a;
       cv::Mat b;
       cv::blur(scene.render(0), a, {3, 3});
@@ -140,43 +140,43 @@ TEST(ReliefScene, DepthAndPosesFitTheImages) {
   }
 }
 
-TEST(ReliefScene, SeedsDecideAndThreadsDoNot) {
+TEST(SfmScene, DependsOnSeedNotThreads) {
   for (const SceneOptions& options :
        {small(), small(Content::kRelief, Trajectory::kGrid),
         small(Content::kHouses, Trajectory::kWalk), small(Content::kHouses, Trajectory::kCity),
         small(Content::kTemple, Trajectory::kRing), small(Content::kToy, Trajectory::kRing)}) {
-    const ReliefScene scene(options);
+    const SfmScene scene(options);
     cv::setNumThreads(1);
     const cv::Mat one = scene.render(2);
     cv::setNumThreads(3);
-    EXPECT_TRUE(is_same(one, ReliefScene(options).render(2)));
+    EXPECT_TRUE(is_same(one, SfmScene(options).render(2)));
     cv::setNumThreads(-1);
     SceneOptions other = options;
     other.seed = 2;
-    EXPECT_FALSE(is_same(one, ReliefScene(other).render(2)));
+    EXPECT_FALSE(is_same(one, SfmScene(other).render(2)));
   }
 }
 
-TEST(ReliefScene, TempleAndToyLookTheSameAfterHalfATurnButForDetails) {
+TEST(SfmScene, TempleAndToyAreSymmetricUnderHalfTurnExceptDetails) {
   for (const Content content : {Content::kTemple, Content::kToy}) {
     SceneOptions options = small(content, Trajectory::kRing);
     options.size = {480, 360};
     options.focal_px = 800;
     options.images = 4;
     options.details = 0;
-    const double plain = likeness_after_half_a_turn(ReliefScene(options));
+    const double plain = correlation_after_half_turn(SfmScene(options));
     options.details = 0.5;
-    const double detailed = likeness_after_half_a_turn(ReliefScene(options));
+    const double detailed = correlation_after_half_turn(SfmScene(options));
     EXPECT_GT(plain, 0.85);
     EXPECT_LT(detailed, plain - 0.2);
   }
 }
 
-TEST(ReliefScene, CamerasOfStreetsStandBeforeHouses) {
+TEST(SfmScene, StreetCamerasFaceHouses) {
   for (const Trajectory trajectory : {Trajectory::kWalk, Trajectory::kCity}) {
     SceneOptions options = small(Content::kHouses, trajectory);
     options.images = 60;
-    const ReliefScene scene(options);
+    const SfmScene scene(options);
     const geometry::Camera camera = scene.camera();
     int near = 0;
     for (int i = 0; i < scene.count(); ++i) {
@@ -200,10 +200,10 @@ TEST(ReliefScene, CamerasOfStreetsStandBeforeHouses) {
   }
 }
 
-TEST(ReliefScene, AGridIsFlownInRowsStraightAbove) {
+TEST(SfmScene, GridCamerasLookDownInRows) {
   SceneOptions options = small(Content::kRelief, Trajectory::kGrid);
   options.images = 9;
-  const ReliefScene scene(options);
+  const SfmScene scene(options);
   for (int i = 0; i < 9; ++i) {
     EXPECT_LT(scene.pose(i).rotation(2, 2), -0.98);  // the axis looks down
     EXPECT_NEAR(scene.pose(i).center().z(), 10, 0.3);
@@ -214,7 +214,7 @@ TEST(ReliefScene, AGridIsFlownInRowsStraightAbove) {
   EXPECT_NEAR(scene.pose(3).center().y() - scene.pose(2).center().y(), 2, 0.8);
 }
 
-TEST(DrawnStreets, RepeatsAreHousesOfSixDesigns) {
+TEST(DrawnStreets, RepeatedHousesHaveSixDesigns) {
   const auto designs = [](const Streets& streets) {
     std::set<std::uint64_t> distinct;
     int count = 0;
@@ -231,10 +231,10 @@ TEST(DrawnStreets, RepeatsAreHousesOfSixDesigns) {
   EXPECT_EQ(designs(make_city(100, 1, Rng(1))).second, houses);
 }
 
-TEST(ReliefScene, ACameraThatOnlyTurnsStaysAtItsPlace) {
+TEST(SfmScene, PureRotationKeepsCenter) {
   SceneOptions options = small();
   options.pure_rotation = true;
-  const ReliefScene scene(options);
+  const SfmScene scene(options);
   for (int i = 1; i < scene.count(); ++i) {
     EXPECT_LT((scene.pose(i).center() - scene.pose(0).center()).norm(), 1e-9);
     EXPECT_GT(geometry::angle_of(scene.pose(i).rotation * scene.pose(0).rotation.transpose()),
@@ -242,27 +242,27 @@ TEST(ReliefScene, ACameraThatOnlyTurnsStaysAtItsPlace) {
   }
 }
 
-TEST(ReliefScene, ARoomHasAFloorAndFinsAreThin) {
-  const ReliefScene room(small(Content::kRoom));
-  const ReliefScene boxes(small(Content::kBoxes));
+TEST(SfmScene, ARoomHasAFloorAndFinsAreThin) {
+  const SfmScene room(small(Content::kRoom));
+  const SfmScene boxes(small(Content::kBoxes));
   // Below the middle, the floor is nearer than the wall.
   EXPECT_LT(*room.depth(2, {120, 175}), *boxes.depth(2, {120, 175}) - 1);
-  const auto nearer = [](const ReliefScene& scene) {
+  const auto nearer = [](const SfmScene& scene) {
     int count = 0;
     for (int v = 0; v < 180; v += 2)
       for (int u = 0; u < 240; u += 2)
         count += *scene.depth(2, cv::Point2d(u, v)) < *scene.depth(2, {0, 0}) - 0.5 ? 1 : 0;
     return count;
   };
-  const int fins = nearer(ReliefScene(small(Content::kThin)));
+  const int fins = nearer(SfmScene(small(Content::kThin)));
   EXPECT_GT(fins, 10);
   EXPECT_LT(2 * fins, nearer(boxes));
 }
 
-TEST(ReliefScene, PatchesAreBareAndHighlightsAreBright) {
-  const cv::Mat matt = ReliefScene(small()).render(2);
-  const cv::Mat shiny = ReliefScene(small(Content::kShiny)).render(2);
-  const cv::Mat patchy = ReliefScene(small(Content::kPatchy)).render(2);
+TEST(SfmScene, PatchesAreUntexturedAndHighlightsAreBright) {
+  const cv::Mat matt = SfmScene(small()).render(2);
+  const cv::Mat shiny = SfmScene(small(Content::kShiny)).render(2);
+  const cv::Mat patchy = SfmScene(small(Content::kPatchy)).render(2);
   EXPECT_FALSE(is_same(matt, shiny));
   cv::Mat edges;
   cv::Laplacian(patchy, edges, CV_16S);
@@ -271,23 +271,23 @@ TEST(ReliefScene, PatchesAreBareAndHighlightsAreBright) {
   EXPECT_GT(cv::countNonZero(flat), 240 * 180 / 5);
 }
 
-TEST(ReliefScene, NothingIsOneColour) {
+TEST(SfmScene, ContentNothingHasOneColor) {
   cv::Scalar mean;
   cv::Scalar deviation;
-  cv::meanStdDev(ReliefScene(small(Content::kNothing)).render(0), mean, deviation);
+  cv::meanStdDev(SfmScene(small(Content::kNothing)).render(0), mean, deviation);
   EXPECT_LT(deviation[1], 8);
-  cv::meanStdDev(ReliefScene(small()).render(0), mean, deviation);
+  cv::meanStdDev(SfmScene(small()).render(0), mean, deviation);
   EXPECT_GT(deviation[1], 20);
 }
 
-TEST(ReliefScene, TheTrianglesLieOnTheSurfaceThatIsDrawn) {
+TEST(SfmScene, TrianglesMatchRenderedSurface) {
   for (const Content content : {Content::kRelief, Content::kBoxes, Content::kRoom, Content::kThin,
                                 Content::kTemple, Content::kToy}) {
     for (const Trajectory trajectory : trajectories_of(content)) {
       // From a ring, temple and toy stand on an unbounded ground.
       const bool is_tall = content == Content::kTemple || content == Content::kToy;
       if (is_tall && trajectory == Trajectory::kRing) continue;
-      const ReliefScene scene(small(content, trajectory));
+      const SfmScene scene(small(content, trajectory));
       const SceneSurface surface = scene.surface(0.07);
       const geometry::Camera camera = scene.camera();
       const auto corner = [&](const std::array<int, 3>& triangle, std::size_t k) {
@@ -337,24 +337,24 @@ TEST(ReliefScene, TheTrianglesLieOnTheSurfaceThatIsDrawn) {
   }
 }
 
-TEST(ReliefScene, ImpossibleOptionsAreRefused) {
+TEST(SfmScene, RejectsInvalidOptions) {
   SceneOptions options = small();
   options.images = 0;
-  EXPECT_THROW(ReliefScene{options}, std::invalid_argument);
-  EXPECT_THROW((void)ReliefScene(small()).render(5), std::invalid_argument);
-  EXPECT_THROW((void)ReliefScene(small()).surface(0), std::invalid_argument);
-  EXPECT_THROW(ReliefScene{small(Content::kHouses, Trajectory::kRing)}, std::invalid_argument);
-  EXPECT_THROW(ReliefScene{small(Content::kRelief, Trajectory::kWalk)}, std::invalid_argument);
-  EXPECT_THROW(ReliefScene{small(Content::kRoom, Trajectory::kGrid)}, std::invalid_argument);
+  EXPECT_THROW(SfmScene{options}, std::invalid_argument);
+  EXPECT_THROW((void)SfmScene(small()).render(5), std::invalid_argument);
+  EXPECT_THROW((void)SfmScene(small()).surface(0), std::invalid_argument);
+  EXPECT_THROW(SfmScene{small(Content::kHouses, Trajectory::kRing)}, std::invalid_argument);
+  EXPECT_THROW(SfmScene{small(Content::kRelief, Trajectory::kWalk)}, std::invalid_argument);
+  EXPECT_THROW(SfmScene{small(Content::kRoom, Trajectory::kGrid)}, std::invalid_argument);
   options = small(Content::kHouses, Trajectory::kCity);
   options.repeats = 1.5;
-  EXPECT_THROW(ReliefScene{options}, std::invalid_argument);
+  EXPECT_THROW(SfmScene{options}, std::invalid_argument);
 }
 
 TEST(PointProblem, WithoutNoiseItReprojectsExactly) {
   const PointProblem problem = make_point_problem(3, 5, 100, 0, 0);
-  ASSERT_GT(problem.seen.size(), 200U);
-  for (const auto& seen : problem.seen) {
+  ASSERT_GT(problem.observations.size(), 200U);
+  for (const auto& seen : problem.observations) {
     const auto pixel = problem.camera.project(problem.poses[static_cast<std::size_t>(seen.image)] *
                                               problem.points[static_cast<std::size_t>(seen.point)]);
     ASSERT_TRUE(pixel.has_value());
@@ -366,7 +366,7 @@ TEST(PointProblem, WithoutNoiseItReprojectsExactly) {
 TEST(PointProblem, OutliersAreFarFromTheTruth) {
   const PointProblem problem = make_point_problem(3, 5, 200, 0.5, 0.2);
   int outliers = 0;
-  for (const auto& seen : problem.seen) {
+  for (const auto& seen : problem.observations) {
     const auto pixel = problem.camera.project(problem.poses[static_cast<std::size_t>(seen.image)] *
                                               problem.points[static_cast<std::size_t>(seen.point)]);
     ASSERT_TRUE(pixel.has_value());
@@ -374,7 +374,8 @@ TEST(PointProblem, OutliersAreFarFromTheTruth) {
     outliers += seen.outlier;
     EXPECT_EQ(seen.outlier, away > 9) << away;
   }
-  EXPECT_NEAR(static_cast<double>(outliers) / static_cast<double>(problem.seen.size()), 0.2, 0.06);
+  EXPECT_NEAR(static_cast<double>(outliers) / static_cast<double>(problem.observations.size()), 0.2,
+              0.06);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/planar/image_targets/rehearse.h"
+#include "tarsier/planar/image_targets/trials.h"
 
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
@@ -93,16 +93,16 @@ TrialView trial_view(const Target& target, int trial, std::uint64_t seed) {
   return view;
 }
 
-Rehearsal rehearse(const Target& target, int trials, std::uint64_t seed,
-                   const std::stop_token& stop) {
-  Rehearsal result;
-  result.right.assign(target.features.size(), 0);
+TrialResult run_trials(const Target& target, int trials, std::uint64_t seed,
+                       const std::stop_token& stop) {
+  TrialResult result;
+  result.correct.assign(target.features.size(), 0);
   result.wrong.assign(target.features.size(), 0);
   FeatureOptions options;
-  options.most = 1000;
+  options.max_features = 1000;
   options.contrast = 8;
   MatchOptions matching;
-  matching.most = 100'000;
+  matching.max_matches = 100'000;
   for (int trial = 0; trial < trials; ++trial) {
     throw_if_stopped(stop);
     const TrialView view = trial_view(target, trial, seed);
@@ -113,7 +113,7 @@ Rehearsal rehearse(const Target& target, int trials, std::uint64_t seed,
       const cv::Point2d d = geometry::mapped(view.h, target.features[t].at) - cv::Point2d(f.at);
       const double limit = 3 + 1.5 * static_cast<double>(f.scale);
       if (d.dot(d) < limit * limit) {
-        ++result.right[t];
+        ++result.correct[t];
       } else {
         ++result.wrong[t];
       }
@@ -122,25 +122,25 @@ Rehearsal rehearse(const Target& target, int trials, std::uint64_t seed,
   return result;
 }
 
-void keep_best(Target& target, const Rehearsal& rehearsal, std::size_t most) {
+void keep_best_features(Target& target, const TrialResult& result, std::size_t max_features) {
   for (std::size_t i = 0; i < target.features.size(); ++i)
-    target.features[i].right = rehearsal.right[i];
-  if (target.features.size() <= most) return;
+    target.features[i].correct_matches = result.correct[i];
+  if (target.features.size() <= max_features) return;
   std::vector<std::size_t> order(target.features.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  const auto score = [&](std::size_t i) { return 2 * rehearsal.right[i] - rehearsal.wrong[i]; };
+  const auto score = [&](std::size_t i) { return 2 * result.correct[i] - result.wrong[i]; };
   std::stable_sort(order.begin(), order.end(),
                    [&](std::size_t a, std::size_t b) { return score(a) > score(b); });
-  order.resize(most);
+  order.resize(max_features);
   std::sort(order.begin(), order.end());
   std::vector<TrainedFeature> features;
-  std::vector<Description> descriptions;
+  std::vector<Descriptor> descriptors;
   for (const std::size_t i : order) {
     features.push_back(target.features[i]);
-    descriptions.push_back(target.descriptions[i]);
+    descriptors.push_back(target.descriptors[i]);
   }
   target.features = std::move(features);
-  target.descriptions = std::move(descriptions);
+  target.descriptors = std::move(descriptors);
 }
 
 }  // namespace tarsier::planar::image_targets

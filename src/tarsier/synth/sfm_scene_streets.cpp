@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/synth/relief_streets.h"
+#include "tarsier/synth/sfm_scene_streets.h"
 
 #include <algorithm>
 #include <cmath>
@@ -73,16 +73,16 @@ class Builder {
           (from + to) / 2 - setback * front + rng.uniform(-0.4, 0.4) * length * along;
       bay.x = place.x();
       bay.y = place.y();
-      House look = house;
-      look.design = design + 1'000'000 * static_cast<std::uint64_t>(k + 1);
-      look.has_windows = false;
+      House bay_house = house;
+      bay_house.design = design + 1'000'000 * static_cast<std::uint64_t>(k + 1);
+      bay_house.has_windows = false;
       streets_.solids.push_back(bay);
-      streets_.houses.push_back(look);
+      streets_.houses.push_back(bay_house);
     }
   }
 
-  Streets take(std::vector<Vector2d> way) {
-    streets_.way = std::move(way);
+  Streets finish(std::vector<Vector2d> path) {
+    streets_.path = std::move(path);
     return std::move(streets_);
   }
 
@@ -112,20 +112,20 @@ cv::Vec3f patchwork(const Texture& texture, double width, double height, std::ui
 }
 
 Streets make_walk(int images, double repeats, Rng rng) {
-  std::vector<Vector2d> way{{0, 0}};
+  std::vector<Vector2d> path{{0, 0}};
   const int lots = std::max(2, static_cast<int>(std::ceil(images * kStep / kLot)));
   for (int k = 0; k < lots + kLotsAhead; ++k) {
     const double heading = 0.9 * std::sin(k / 9.0);
-    way.push_back(way.back() + kLot * Vector2d(std::cos(heading), std::sin(heading)));
+    path.push_back(path.back() + kLot * Vector2d(std::cos(heading), std::sin(heading)));
   }
   Builder builder(repeats, rng);
-  for (std::size_t k = 0; k + 1 < way.size(); ++k) {
-    const Vector2d along = (way[k + 1] - way[k]).normalized();
+  for (std::size_t k = 0; k + 1 < path.size(); ++k) {
+    const Vector2d along = (path[k + 1] - path[k]).normalized();
     const Vector2d left = kHalfStreet * Vector2d(-along.y(), along.x());
-    builder.build(way[k + 1] + left, way[k] + left);
+    builder.build(path[k + 1] + left, path[k] + left);
   }
-  way.resize(static_cast<std::size_t>(lots) + 1);
-  return builder.take(std::move(way));
+  path.resize(static_cast<std::size_t>(lots) + 1);
+  return builder.finish(std::move(path));
 }
 
 Streets make_city(int images, double repeats, Rng rng) {
@@ -146,22 +146,22 @@ Streets make_city(int images, double repeats, Rng rng) {
     }
   }
   // All streets in one direction, alternately there and back, then all in the other direction.
-  std::vector<Vector2d> way;
-  const auto go_to = [&](double x, double y) {
-    if (way.empty() || (Vector2d(x, y) - way.back()).norm() > 1) way.emplace_back(x, y);
+  std::vector<Vector2d> path;
+  const auto add_waypoint = [&](double x, double y) {
+    if (path.empty() || (Vector2d(x, y) - path.back()).norm() > 1) path.emplace_back(x, y);
   };
   const double last = (streets - 1) * kBlock;
   for (int b = 0; b < streets; ++b) {
-    go_to(b % 2 == 0 ? 0 : last, b * kBlock);
-    go_to(b % 2 == 0 ? last : 0, b * kBlock);
+    add_waypoint(b % 2 == 0 ? 0 : last, b * kBlock);
+    add_waypoint(b % 2 == 0 ? last : 0, b * kBlock);
   }
   const bool ends_right = (streets - 1) % 2 == 0;
   for (int k = 0; k < streets; ++k) {
     const double x = (ends_right ? streets - 1 - k : k) * kBlock;
-    go_to(x, k % 2 == 0 ? last : 0);
-    go_to(x, k % 2 == 0 ? 0 : last);
+    add_waypoint(x, k % 2 == 0 ? last : 0);
+    add_waypoint(x, k % 2 == 0 ? 0 : last);
   }
-  return builder.take(std::move(way));
+  return builder.finish(std::move(path));
 }
 
 Streets make_village(const cv::Rect2d& region, Rng rng) {
@@ -189,16 +189,17 @@ Streets make_village(const cv::Rect2d& region, Rng rng) {
   return village;
 }
 
-cv::Vec3f house_colour(const House& house, const Solid& solid, int face, const Eigen::Vector3d& own,
-                       const Texture& texture, double width, double height, double footprint) {
-  const cv::Point2d at = solid.on_face(face, own);
+cv::Vec3f house_colour(const House& house, const Solid& solid, int face,
+                       const Eigen::Vector3d& local, const Texture& texture, double width,
+                       double height, double footprint) {
+  const cv::Point2d at = solid.on_face(face, local);
   const std::uint64_t key = 8 * house.design + static_cast<std::uint64_t>(face);
   if (house.has_windows && face < kTopFace) {
     // Position relative to the centre of the nearest window.
     const double across = at.x - house.window_pitch[0] * std::floor(at.x / house.window_pitch[0]) -
                           house.window_pitch[0] / 2;
-    const double above = own[2] -
-                         house.window_pitch[1] * std::floor(own[2] / house.window_pitch[1]) -
+    const double above = local[2] -
+                         house.window_pitch[1] * std::floor(local[2] / house.window_pitch[1]) -
                          house.window_pitch[1] / 2;
     constexpr double kFrame = 0.1;  // units
     const double right = std::abs(across) - house.window_half[0];

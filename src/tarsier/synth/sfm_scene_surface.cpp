@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/synth/relief_surface.h"
+#include "tarsier/synth/sfm_scene_surface.h"
 
 #include "tarsier/core/stop.h"
 
@@ -22,12 +22,12 @@ class Triangulation {
       : field_(field), solids_(solids), camera_(camera), poses_(poses), step_(step), stop_(stop) {}
 
   void add_field(cv::Rect2d region) {
-    const auto place = [&](double u, double v) {
+    const auto point_at = [&](double u, double v) {
       const double x = region.x + u * region.width;
       const double y = region.y + v * region.height;
       return Eigen::Vector3d(x, y, field_.height(x, y));
     };
-    add_patch(place, steps_of(region.width), steps_of(region.height), nullptr);
+    add_patch(point_at, steps_of(region.width), steps_of(region.height), nullptr);
   }
 
   // The faces of a solid; outside is the direction of du x dv. The bottom of a solid on the ground
@@ -70,13 +70,13 @@ class Triangulation {
   SceneSurface take() { return std::move(surface_); }
 
  private:
-  // place(u, v) is in the axes of the solid.
-  template <typename Place>
-  void add_face(const Solid& solid, int across, int up, const Place& place) {
+  // point_at(u, v) is in the axes of the solid.
+  template <typename PointAt>
+  void add_face(const Solid& solid, int across, int up, const PointAt& point_at) {
     const Eigen::Vector3d origin(solid.x, solid.y, 0);
-    add_patch(
-        [&](double u, double v) { return Eigen::Vector3d(origin + solid.from_own(place(u, v))); },
-        across, up, &solid);
+    add_patch([&](double u,
+                  double v) { return Eigen::Vector3d(origin + solid.from_local(point_at(u, v))); },
+              across, up, &solid);
   }
 
   void add_column(const Solid& solid) {
@@ -105,23 +105,23 @@ class Triangulation {
   [[nodiscard]] bool is_in_view(const Eigen::Vector3d& at) const {
     return std::any_of(poses_.begin(), poses_.end(), [&](const geometry::Rigid3& pose) {
       const Eigen::Vector3d there = pose * at;
-      if (!(there[2] > 0 && there[2] < kFarthest)) return false;
+      if (!(there[2] > 0 && there[2] < kMaxDistance)) return false;
       const double u = camera_.fx * there[0] / there[2] + camera_.cx;
       const double v = camera_.fy * there[1] / there[2] + camera_.cy;
       return u > -0.5 && v > -0.5 && u < camera_.width - 0.5 && v < camera_.height - 0.5;
     });
   }
 
-  // Below the field, or inside a solid other than `own`.
-  [[nodiscard]] bool is_buried(const Eigen::Vector3d& at, const Solid* own) const {
-    if (own != nullptr && at[2] < field_.height(at[0], at[1]) - kTouch) return true;
+  // Below the field, or inside a solid other than `self`.
+  [[nodiscard]] bool is_buried(const Eigen::Vector3d& at, const Solid* self) const {
+    if (self != nullptr && at[2] < field_.height(at[0], at[1]) - kTouch) return true;
     return std::any_of(solids_.begin(), solids_.end(),
-                       [&](const Solid& solid) { return &solid != own && solid.contains(at); });
+                       [&](const Solid& solid) { return &solid != self && solid.contains(at); });
   }
 
-  // place(u, v), u and v from 0 to 1, in cells; cells entirely out of view or buried are omitted.
-  template <typename Place>
-  void add_patch(const Place& place, int across, int down, const Solid* own) {
+  // point_at(u, v), u and v from 0 to 1, in cells; cells entirely out of view or buried are omitted.
+  template <typename PointAt>
+  void add_patch(const PointAt& point_at, int across, int down, const Solid* self) {
     const int stride = across + 1;
     std::vector<Eigen::Vector3d> points;
     std::vector<std::uint8_t> in_view;
@@ -129,9 +129,9 @@ class Triangulation {
     for (int j = 0; j <= down; ++j) {
       throw_if_stopped(stop_);
       for (int i = 0; i <= across; ++i) {
-        points.push_back(place(static_cast<double>(i) / across, static_cast<double>(j) / down));
+        points.push_back(point_at(static_cast<double>(i) / across, static_cast<double>(j) / down));
         in_view.push_back(is_in_view(points.back()) ? 1 : 0);
-        is_free.push_back(is_buried(points.back(), own) ? 0 : 1);
+        is_free.push_back(is_buried(points.back(), self) ? 0 : 1);
       }
     }
     std::vector<int> number(points.size(), -1);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/synth/relief_texture.h"
+#include "tarsier/synth/sfm_scene_texture.h"
 
 #include <opencv2/imgproc.hpp>
 

@@ -9,7 +9,7 @@
 #include <cmath>
 #include <vector>
 
-// Textures of the surfaces of relief.h: value noise with small shapes on it.
+// Textures of the surfaces of sfm_scene.h: value noise with small shapes on it.
 namespace tarsier::synth {
 
 // floor() without a function call; for |x| < 2^22.

@@ -2,8 +2,8 @@
 #pragma once
 
 #include "tarsier/core/rng.h"
-#include "tarsier/synth/relief_solids.h"
-#include "tarsier/synth/relief_texture.h"
+#include "tarsier/synth/sfm_scene_solids.h"
+#include "tarsier/synth/sfm_scene_texture.h"
 
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
@@ -11,7 +11,7 @@
 #include <cstdint>
 #include <vector>
 
-// The streets and houses of relief.h. Internal to this module.
+// The streets and houses of sfm_scene.h. Internal to this module.
 namespace tarsier::synth {
 
 // Unique colours for each `key` from one shared texture: blends two places of the texture that
@@ -29,9 +29,9 @@ struct House {
 };
 
 struct Streets {
-  std::vector<Solid> solids;         // houses, and the bays on their fronts
-  std::vector<House> houses;         // one for each solid
-  std::vector<Eigen::Vector2d> way;  // path of the cameras
+  std::vector<Solid> solids;          // houses, and the bays on their fronts
+  std::vector<House> houses;          // one for each solid
+  std::vector<Eigen::Vector2d> path;  // of the cameras
 };
 
 // `repeats`: share of the houses that look like others, 0..1.
@@ -43,7 +43,7 @@ struct Streets {
 
 // Colour at a point of a house's face, in noon light.
 [[nodiscard]] cv::Vec3f house_colour(const House& house, const Solid& solid, int face,
-                                     const Eigen::Vector3d& own, const Texture& texture,
+                                     const Eigen::Vector3d& local, const Texture& texture,
                                      double width, double height, double footprint);
 
 }  // namespace tarsier::synth

@@ -2,8 +2,8 @@
 #pragma once
 
 #include "tarsier/core/rng.h"
-#include "tarsier/synth/relief_solids.h"
-#include "tarsier/synth/relief_texture.h"
+#include "tarsier/synth/sfm_scene_solids.h"
+#include "tarsier/synth/sfm_scene_texture.h"
 
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
@@ -11,7 +11,7 @@
 #include <array>
 #include <vector>
 
-// The symmetric objects on white of relief.h. Internal to this module.
+// The symmetric objects on white of sfm_scene.h. Internal to this module.
 namespace tarsier::synth {
 
 class SymmetricObject {
@@ -30,32 +30,32 @@ class SymmetricObject {
 
   [[nodiscard]] const std::vector<Solid>& solids() const { return solids_; }
 
-  // Colour in noon light; `own`: a point of the face in the axes of the solid.
-  [[nodiscard]] cv::Vec3f colour(int solid, int face, const Eigen::Vector3d& own,
+  // Colour in noon light; `local`: a point of the face in the axes of the solid.
+  [[nodiscard]] cv::Vec3f colour(int solid, int face, const Eigen::Vector3d& local,
                                  double footprint) const;
 
  private:
   // Position of its centre in the texture, and that of its details.
   struct Face {
-    cv::Point2d look;
-    cv::Point2d own;
+    cv::Point2d texture_center;
+    cv::Point2d detail_center;
     std::vector<cv::Rect2d> details;  // units from its centre, v upwards
   };
 
-  int add(const Solid& solid, int like = -1);
+  int add(const Solid& solid, int same_as = -1);
   void make_box();
   void make_temple();
   void make_toy();
-  cv::Point2d room_for(double width);
-  void give_looks();
+  cv::Point2d allocate_texture(double width);
+  void assign_textures();
   void place_details(double share, Rng rng);
 
   Kind kind_ = Kind::kBox;
   std::vector<Solid> solids_;
-  std::vector<int> like_;  // for each solid: the one that it looks like
+  std::vector<int> same_as_;  // for each solid: the one that it looks like
   std::vector<std::array<Face, 4>> faces_;
   Texture texture_;
-  cv::Point2d free_{0, 0};  // next free place in the texture
+  cv::Point2d next_free_{0, 0};  // next free place in the texture
 };
 
 }  // namespace tarsier::synth
