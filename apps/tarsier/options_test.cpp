@@ -89,7 +89,7 @@ std::string problem_of(const std::function<void()>& check) {
   return "";
 }
 
-TEST(Options, DefaultsAreAllowed) {
+TEST(Options, DefaultsAreValid) {
   // Those that must be given something before they can be used.
   const std::set<std::string> incomplete = {"AnnotateOptions", "sfm::OnlineReconstructorOptions"};
   for (const OptionsCase& options : all_options()) {
@@ -100,7 +100,7 @@ TEST(Options, DefaultsAreAllowed) {
   }
 }
 
-TEST(Options, AValueOutsideIsRefusedByName) {
+TEST(Options, RefusesValuesOutOfRangeByName) {
   int refused = 0;
   for (const OptionsCase& options : all_options()) {
     for (const OptionField& field : options.fields) {
@@ -117,7 +117,7 @@ TEST(Options, AValueOutsideIsRefusedByName) {
   EXPECT_GT(refused, 800);
 }
 
-TEST(Options, FieldsAreNamedOnce) {
+TEST(Options, FieldNamesAreUnique) {
   for (const OptionsCase& options : all_options()) {
     std::set<std::string_view> names;
     for (const OptionField& field : options.fields) {
@@ -128,7 +128,7 @@ TEST(Options, FieldsAreNamedOnce) {
 }
 
 // A struct that gets fields() must be added to all_options().
-TEST(Options, AllOfThemAreTested) {
+TEST(Options, AllOptionStructsAreTested) {
   std::size_t count = 0;
   for (const char* folder : {TARSIER_SOURCE "/src/tarsier", TARSIER_SOURCE "/apps/ui"}) {
     for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
@@ -174,7 +174,7 @@ bool same_range(const nlohmann::json& described, const Range& range) {
          described.at("max_excluded") == range.below_max && described.at("odd") == range.odd;
 }
 
-TEST(Options, TheirFlagsHaveTheirRanges) {
+TEST(Options, FlagsHaveTheRangesOfTheirFields) {
   const std::multimap<std::string, nlohmann::json> flags = described_flags();
   int checked = 0;
   for (const OptionsCase& options : all_options()) {
@@ -192,7 +192,7 @@ TEST(Options, TheirFlagsHaveTheirRanges) {
   EXPECT_GT(checked, 80);
 }
 
-TEST(Options, EveryNumberOnTheCommandLineHasARange) {
+TEST(Options, EveryNumericFlagHasARange) {
   // Any number will do, or the verb's own words say what is expected.
   const std::set<std::string> without = {"--seed",      "--offset",      "--distance",
                                          "--downscale", "--calibration", "--smooth",

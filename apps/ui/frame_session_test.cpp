@@ -70,7 +70,7 @@ Frame frame_of(const char* name, bool still) {
 SourceStatus live() { return {.state = SourceState::kLive, .detail = "", .age_s = 0}; }
 SourceStatus stale() { return {.state = SourceState::kStale, .detail = "", .age_s = 3}; }
 
-TEST(SessionControls, EndHelpAndPauseAreDoneOnceAndListedLast) {
+TEST(SessionControls, HandlesPauseHelpAndQuitAndListsThemLast) {
   SessionControls controls(true);
   const std::vector<Action> actions = controls.after({{"raise", "", 'r'}});
   ASSERT_EQ(actions.size(), 4U);
@@ -90,21 +90,21 @@ TEST(SessionControls, EndHelpAndPauseAreDoneOnceAndListedLast) {
   EXPECT_TRUE(controls.finished());
 }
 
-TEST(SessionControls, WhereNothingMovesThereIsNoPause) {
+TEST(SessionControls, HasNoPauseActionUnlessRequested) {
   SessionControls controls;
   EXPECT_EQ(action_of(key_event(key::kSpace), controls.after({})), "");
   EXPECT_FALSE(controls.act("pause"));
   EXPECT_FALSE(controls.paused());
 }
 
-TEST(SessionControls, PauseMayHaveAnotherKey) {
+TEST(SessionControls, PauseKeyIsConfigurable) {
   const SessionControls controls(true, 'p');
   const std::vector<Action> actions = controls.after({{"take", "", key::kSpace}});
   EXPECT_EQ(action_of(key_event('p'), actions), "pause");
   EXPECT_EQ(action_of(key_event(key::kSpace), actions), "take");
 }
 
-TEST(FrameSession, DrawsOnACopyAndPutsTheBarOnWhatIsShownAlone) {
+TEST(FrameSession, DrawsOnACopyAndTheBarOnlyOnTheShownImage) {
   Marks session;
   const Frame frame = frame_of("video", false);
   const View view = session.on_frame(frame, live());
@@ -139,7 +139,7 @@ class Beside final : public FrameSession {
   }
 };
 
-TEST(FrameSession, MayDrawAnImageOfAnotherSize) {
+TEST(FrameSession, CanDrawAnImageOfAnotherSize) {
   Beside session;
   EXPECT_TRUE(session.finish().output.empty()) << "no frame came";
   const Frame frame = frame_of("video", false);
@@ -151,7 +151,7 @@ TEST(FrameSession, MayDrawAnImageOfAnotherSize) {
   EXPECT_EQ(cv::norm(session.finish().output, first, cv::NORM_INF), 0);
 }
 
-TEST(FrameSession, HasItsOwnPauseKeyNoteAndLinesOfHelp) {
+TEST(FrameSession, PauseKeyNoteAndHelpLinesAreCustomizable) {
   Beside session;
   const cv::Mat without = session.on_frame(frame_of("video", false), live()).image.clone();
   session.right = "a note";
@@ -163,7 +163,7 @@ TEST(FrameSession, HasItsOwnPauseKeyNoteAndLinesOfHelp) {
   EXPECT_GT(cv::norm(help, with, cv::NORM_INF), 0);
 }
 
-TEST(FrameSession, BeforeTheFirstFrameThereIsNothingToShow) {
+TEST(FrameSession, ShowsNothingBeforeTheFirstFrame) {
   Marks session;
   EXPECT_TRUE(session.on_idle(live()).image.empty());
   const View view = session.on_event(action_event("raise"));
@@ -173,7 +173,7 @@ TEST(FrameSession, BeforeTheFirstFrameThereIsNothingToShow) {
   EXPECT_EQ(session.drawings, 0);
 }
 
-TEST(FrameSession, AChangedDrawingOfAStillGoesToTheSinkThatOfAVideoDoesNot) {
+TEST(FrameSession, ActionsUpdateTheOutputOfStillsOnly) {
   for (const bool still : {true, false}) {
     Marks session;
     (void)session.on_frame(frame_of("image", still), live());
@@ -187,7 +187,7 @@ TEST(FrameSession, AChangedDrawingOfAStillGoesToTheSinkThatOfAVideoDoesNot) {
   }
 }
 
-TEST(FrameSession, WhatTheMouseChangesIsDrawnAsThatOfAnAction) {
+TEST(FrameSession, MouseEventsUpdateTheOutputOfStillsOnly) {
   Event press;
   press.kind = Event::Kind::kMouse;
   press.mouse = Event::Mouse::kLeftDown;
@@ -207,7 +207,7 @@ TEST(FrameSession, WhatTheMouseChangesIsDrawnAsThatOfAnAction) {
   }
 }
 
-TEST(FrameSession, WhatIsDrawnOnTheShownImageAloneStaysOutOfTheOutput) {
+TEST(FrameSession, DrawShownDoesNotChangeTheOutput) {
   Marks session;
   session.rim = true;
   View view = session.on_frame(frame_of("video", false), live());
@@ -218,7 +218,7 @@ TEST(FrameSession, WhatIsDrawnOnTheShownImageAloneStaysOutOfTheOutput) {
   EXPECT_EQ(view.image.at<cv::Vec3b>(0, 80), cv::Vec3b::all(90)) << "it is gone without a frame";
 }
 
-TEST(FrameSession, AMessageTakesThePlaceOfTheStatusInTheBarAlone) {
+TEST(FrameSession, MessageReplacesTheStatusOnlyInTheBar) {
   Marks session;
   (void)session.on_frame(frame_of("image", true), live());
   const cv::Mat bar = session.on_idle(live()).image.clone();
@@ -228,7 +228,7 @@ TEST(FrameSession, AMessageTakesThePlaceOfTheStatusInTheBarAlone) {
   EXPECT_GT(cv::norm(view.image(cv::Rect(0, 60, 80, 60)), bar(cv::Rect(0, 60, 80, 60))), 0);
 }
 
-TEST(FrameSession, BeginsAgainWithEachStillAndEachSource) {
+TEST(FrameSession, RestartsForEachStillAndEachSource) {
   Marks session;
   for (const char* name : {"a", "a", "b"}) (void)session.on_frame(frame_of(name, false), live());
   EXPECT_EQ(session.restarts, 2);
@@ -240,7 +240,7 @@ TEST(FrameSession, BeginsAgainWithEachStillAndEachSource) {
   EXPECT_EQ(session.restarts, 6);
 }
 
-TEST(FrameSession, SaysWhatTheSourceIsAndWhetherItIsPaused) {
+TEST(FrameSession, StatusHasSourceStateAndPause) {
   Marks session;
   (void)session.on_frame(frame_of("camera", false), live());
   View view = session.on_idle(stale());
@@ -257,7 +257,7 @@ TEST(FrameSession, SaysWhatTheSourceIsAndWhetherItIsPaused) {
   EXPECT_EQ(session.drawings, 2) << "what an idle session forgets leaves the image";
 }
 
-TEST(FrameSession, WhatIsPausedStaysThoughACameraGoesOn) {
+TEST(FrameSession, PauseFreezesALiveCamera) {
   Marks session;
   (void)session.on_frame(frame_of("camera", false), live());
   (void)session.on_event(action_event("pause"));
@@ -273,7 +273,7 @@ TEST(FrameSession, WhatIsPausedStaysThoughACameraGoesOn) {
   EXPECT_EQ(view.image.at<cv::Vec3b>(60, 80), cv::Vec3b::all(30));
 }
 
-TEST(FrameSession, HelpLiesOverWhatIsShownAndQuitEnds) {
+TEST(FrameSession, HelpIsDrawnOverTheViewAndQuitFinishes) {
   Marks session;
   const View plain = session.on_frame(frame_of("video", false), live());
   const cv::Mat before = plain.image.clone();
@@ -282,7 +282,7 @@ TEST(FrameSession, HelpLiesOverWhatIsShownAndQuitEnds) {
   EXPECT_TRUE(session.on_event(key_event('q')).finished);
 }
 
-TEST(FrameSession, WithoutStatusTheImageIsTheDrawing) {
+TEST(FrameSession, WithoutStatusShowsOnlyTheDrawing) {
   Marks session;
   const Frame frame = frame_of("video", false);
   session.draw_status(false);

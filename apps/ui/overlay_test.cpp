@@ -10,7 +10,7 @@
 namespace tarsier {
 namespace {
 
-TEST(KeyName, IsWhatIsPrintedOnTheKey) {
+TEST(KeyName, IsTheLabelOfTheKey) {
   EXPECT_EQ(key_name('s'), "s");
   EXPECT_EQ(key_name('?'), "?");
   EXPECT_EQ(key_name(key::kSpace), "space");
@@ -20,7 +20,7 @@ TEST(KeyName, IsWhatIsPrintedOnTheKey) {
 }
 
 // The panel grows with its lines: actions without a key have none.
-TEST(DrawHelp, ListsTheActionsThatHaveAKey) {
+TEST(DrawHelp, ListsOnlyActionsWithAKey) {
   const cv::Mat blank(400, 600, CV_8UC3, cv::Scalar::all(200));
   const auto drawn = [&](const std::vector<Action>& actions,
                          std::vector<image::draw::HelpLine> first) {
@@ -36,7 +36,7 @@ TEST(DrawHelp, ListsTheActionsThatHaveAKey) {
   EXPECT_GT(cv::norm(drawn({sketch, {"quit", "end", key::kEscape}}, {}), one, cv::NORM_INF), 0);
 }
 
-TEST(FrameTimer, TellsOfFramesOnlyWhereThereAreSome) {
+TEST(FrameTimer, ReportsFrameRateForVideosOnly) {
   FrameTimer timer;
   EXPECT_EQ(timer.words(false), "0.0 ms");
   timer.start();

@@ -136,7 +136,7 @@ TEST(ScriptedHost, EndsWhenTheSessionHasFinished) {
   EXPECT_TRUE(host.steps().back().finished);
 }
 
-TEST(ScriptedHost, ASilentSourceGivesIdleSteps) {
+TEST(ScriptedHost, SilentSourceGivesIdleSteps) {
   Adding session;
   Counting source(true);
   ScriptedHost host(session, source);
@@ -144,7 +144,7 @@ TEST(ScriptedHost, ASilentSourceGivesIdleSteps) {
   EXPECT_EQ(host.steps()[3].status, "waiting");
 }
 
-TEST(ScriptedHost, CanBeRunInPartsAndGivesTheSameTranscript) {
+TEST(ScriptedHost, RunInPartsGivesTheSameTranscript) {
   std::string whole;
   for (const int part : {0, 1, 2}) {
     Adding session;
@@ -163,7 +163,7 @@ TEST(ScriptedHost, CanBeRunInPartsAndGivesTheSameTranscript) {
           R"({"cause":"slider offset 2.5","frame":0,"state":{"offset":2.5},"status":"ok"})"));
 }
 
-TEST(ScriptedHost, StopsAtAToken) {
+TEST(ScriptedHost, StopsWhenRequested) {
   Adding session;
   Counting source;
   ScriptedHost host(session, source);

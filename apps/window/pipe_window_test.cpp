@@ -133,7 +133,7 @@ class PipeWindowTest : public ::testing::Test {
   std::unique_ptr<Window> window_;
 };
 
-TEST_F(PipeWindowTest, BeginsWithWhatCanBeDone) {
+TEST_F(PipeWindowTest, StartsWithActionsAndSliders) {
   open({"Tarsier test", false, {{"threshold", 0, 255, 1, 60}}, {{"sketch", "pencil", 's'}}});
   const std::vector<Record> first = records();
   ASSERT_EQ(kinds(first), "H");
@@ -150,7 +150,7 @@ TEST_F(PipeWindowTest, BeginsWithWhatCanBeDone) {
   EXPECT_EQ(second[0].parsed()["sliders"][0]["high"], 9);
 }
 
-TEST_F(PipeWindowTest, AStateComesWithEachView) {
+TEST_F(PipeWindowTest, SendsAStateWithEachView) {
   open({"", false, {{"threshold", 0, 255, 1, 60}}, {}});
   const FrameInfo info = frame(7);
   window_->show(view(10), &info);
@@ -174,7 +174,7 @@ TEST_F(PipeWindowTest, AStateComesWithEachView) {
   EXPECT_EQ(kinds(records()), "S");
 }
 
-TEST_F(PipeWindowTest, AStateTellsHowManyEventsWereHandled) {
+TEST_F(PipeWindowTest, StateCountsHandledEvents) {
   open({"", false, {}, {{"sketch", "", 's'}}});
   window_->show(view(10), nullptr);
   (void)records();
@@ -188,7 +188,7 @@ TEST_F(PipeWindowTest, AStateTellsHowManyEventsWereHandled) {
   EXPECT_EQ(got[0].parsed()["events"], 4) << "what is passed over counts, too";
 }
 
-TEST_F(PipeWindowTest, AnImageForEachThatIsWantedAndNoneTwice) {
+TEST_F(PipeWindowTest, SendsOneNewImagePerRequest) {
   open();
   const FrameInfo first = frame(1);
   window_->show(view(10), &first);
@@ -224,7 +224,7 @@ TEST_F(PipeWindowTest, AnImageForEachThatIsWantedAndNoneTwice) {
   EXPECT_EQ(kinds(records()), "S") << "wanted no more";
 }
 
-TEST_F(PipeWindowTest, TheAgeIsThatOfTheFrameWhenItIsSent) {
+TEST_F(PipeWindowTest, SendsTheAgeOfTheFrame) {
   open();
   FrameInfo info = frame(1);
   info.captured = Clock::now() - milliseconds(1500);
@@ -238,7 +238,7 @@ TEST_F(PipeWindowTest, TheAgeIsThatOfTheFrameWhenItIsSent) {
   EXPECT_GE(got[2].number(4), 1500U);
 }
 
-TEST_F(PipeWindowTest, AReaderThatDoesNotReadHoldsUpNothingAndGetsTheNewest) {
+TEST_F(PipeWindowTest, SlowReaderDoesNotBlockAndGetsTheNewestImage) {
   open();
   say("{\"want\":1}\n");
   (void)events();
@@ -269,7 +269,7 @@ TEST_F(PipeWindowTest, AReaderThatDoesNotReadHoldsUpNothingAndGetsTheNewest) {
   EXPECT_EQ(got[4].number(0), 300U);
 }
 
-TEST_F(PipeWindowTest, EventsComeInTheirOrderAndMovesAreJoined) {
+TEST_F(PipeWindowTest, KeepsTheOrderOfEventsAndMergesMouseMoves) {
   open({"", false, {{"threshold", 0, 255, 1, 60}}, {{"sketch", "", 's'}}});
   window_->show(view(10), nullptr);
   say("{\"want\":1}\n");
@@ -289,7 +289,7 @@ TEST_F(PipeWindowTest, EventsComeInTheirOrderAndMovesAreJoined) {
   EXPECT_EQ(got[5].value, 255) << "held within its limits";
 }
 
-TEST_F(PipeWindowTest, MousePositionsAreOfTheImageThatWasSent) {
+TEST_F(PipeWindowTest, ScalesMousePositionsFromTheLastSentImage) {
   open();
   say("{\"mouse\":\"left-down\",\"x\":1,\"y\":2}\n");
   EXPECT_THAT(events(), IsEmpty()) << "there is no image to point at";
@@ -328,7 +328,7 @@ TEST_F(PipeWindowTest, MousePositionsAreOfTheImageThatWasSent) {
   EXPECT_DOUBLE_EQ(mouse[0].x, 199);
 }
 
-TEST_F(PipeWindowTest, AMousePositionMayTellTheSizeOfItsImage) {
+TEST_F(PipeWindowTest, ScalesMousePositionsFromTheGivenWidth) {
   open();
   window_->show(view(10, {800, 600}), nullptr);
   say("{\"max_width\":200,\"want\":1}\n");
@@ -341,7 +341,7 @@ TEST_F(PipeWindowTest, AMousePositionMayTellTheSizeOfItsImage) {
   EXPECT_DOUBLE_EQ(mouse[0].y, 598.5);
 }
 
-TEST_F(PipeWindowTest, StagesComeWhereTheyAreWanted) {
+TEST_F(PipeWindowTest, SendsStagesOnRequest) {
   WindowOptions options;
   options.stages = true;
   open(options);
@@ -379,14 +379,14 @@ TEST_F(PipeWindowTest, StagesComeWhereTheyAreWanted) {
   EXPECT_EQ(kinds(records()), "D");
 }
 
-TEST_F(PipeWindowTest, ASessionWithoutStagesIsNotAskedForThem) {
+TEST_F(PipeWindowTest, IgnoresStageRequestsWithoutStages) {
   open();
   say("{\"stages\":1}\n");
   (void)events();
   EXPECT_FALSE(window_->wants_stages());
 }
 
-TEST_F(PipeWindowTest, WhatIsWantedWithAnEventIsWhatTheEventMakes) {
+TEST_F(PipeWindowTest, ImageRequestedWithAnEventShowsItsResult) {
   open();
   window_->show(view(10), nullptr);
   say("{\"key\":97}\n{\"want\":1}\n");
@@ -398,7 +398,7 @@ TEST_F(PipeWindowTest, WhatIsWantedWithAnEventIsWhatTheEventMakes) {
   EXPECT_NEAR(value_of(got[1].image()), 20, 2);
 }
 
-TEST_F(PipeWindowTest, QualityIsThatOfTheJpeg) {
+TEST_F(PipeWindowTest, QualitySetsTheJpegQuality) {
   open();
   View noise = view(0, {320, 240});
   cv::randu(noise.image, 0, 255);
@@ -411,7 +411,7 @@ TEST_F(PipeWindowTest, QualityIsThatOfTheJpeg) {
   EXPECT_LT(2 * size_at(20), size_at(95));
 }
 
-TEST_F(PipeWindowTest, WhatIsWrongIsPassedOver) {
+TEST_F(PipeWindowTest, SkipsInvalidLines) {
   open({"", false, {}, {{"sketch", "", 's'}}});
   say("nonsense\n{\"key\":\"s\"}\n{\"action\":\"other\"}\n{\"slider\":\"none\",\"value\":1}\n\n" +
       std::string(1, '\0') + "\n{\"action\":\"sketch\"}\n");
@@ -425,7 +425,7 @@ TEST_F(PipeWindowTest, WhatIsWrongIsPassedOver) {
   EXPECT_FALSE(window_->closed());
 }
 
-TEST_F(PipeWindowTest, AWarningASecondAtMost) {
+TEST_F(PipeWindowTest, WarnsAtMostOnceASecond) {
   open();
   const ScopedLogLevel warnings(LogLevel::kWarning);
   ::testing::internal::CaptureStderr();
@@ -438,7 +438,7 @@ TEST_F(PipeWindowTest, AWarningASecondAtMost) {
   EXPECT_LE(std::count(said.begin(), said.end(), '\n'), 5) << said;
 }
 
-TEST_F(PipeWindowTest, IsClosedByALineOrByEitherEnd) {
+TEST_F(PipeWindowTest, ClosesOnRequestAndWhenEitherEndCloses) {
   for (const int how : {0, 1, 2}) {
     open();
     window_->show(view(10), nullptr);
@@ -457,14 +457,14 @@ TEST_F(PipeWindowTest, IsClosedByALineOrByEitherEnd) {
   }
 }
 
-TEST_F(PipeWindowTest, ShowingToAReaderThatWentAwayClosesIt) {
+TEST_F(PipeWindowTest, ClosesWhenTheReaderIsGone) {
   open();
   hang_up(from_);
   window_->show(view(10), nullptr);
   EXPECT_TRUE(window_->closed());
 }
 
-TEST_F(PipeWindowTest, PollWaitsForSomethingToDo) {
+TEST_F(PipeWindowTest, PollWaitsForInput) {
   open();
   const auto begin = Clock::now();
   EXPECT_THAT(window_->poll(milliseconds(30)), IsEmpty());
@@ -473,7 +473,7 @@ TEST_F(PipeWindowTest, PollWaitsForSomethingToDo) {
   EXPECT_EQ(window_->poll(std::chrono::minutes(5)).size(), 1U);
 }
 
-TEST_F(PipeWindowTest, WhatIsLeftIsSentWhenItEnds) {
+TEST_F(PipeWindowTest, SendsPendingRecordsAtTheEnd) {
   open();
   View large = view(0, {2400, 1600});
   cv::randu(large.image, 0, 255);
@@ -496,7 +496,7 @@ TEST_F(PipeWindowTest, WhatIsLeftIsSentWhenItEnds) {
   EXPECT_EQ(kinds_so_far, "HSJS");
 }
 
-TEST_F(PipeWindowTest, OneSocketMayBeBothEnds) {
+TEST_F(PipeWindowTest, AcceptsOneSocketForBothEnds) {
   std::array<int, 2> ends{};
   ASSERT_EQ(::socketpair(AF_UNIX, SOCK_STREAM, 0, ends.data()), 0);
   window_ = make_pipe_window({ends[0], ends[0]}, {"Tarsier test", false, {}, {}});
@@ -511,7 +511,7 @@ TEST_F(PipeWindowTest, OneSocketMayBeBothEnds) {
   EXPECT_EQ(::fcntl(ends[0], F_GETFD), FD_CLOEXEC) << "programs that are started do not get it";
 }
 
-TEST(PipeEnds, AreCheckedBeforeTheyAreUsed) {
+TEST(PipeEnds, RefusesInvalidOrClosedDescriptors) {
   std::array<int, 2> ends{};
   ASSERT_EQ(::pipe(ends.data()), 0);
   const std::string good = "pipe:" + std::to_string(ends[0]) + ":" + std::to_string(ends[1]);

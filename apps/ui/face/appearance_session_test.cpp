@@ -60,7 +60,7 @@ TEST_F(AppearanceSessionTest, FitsAndDraws) {
   EXPECT_GT(cv::norm(view.output, unseen_.image, cv::NORM_L1), 0);
 }
 
-TEST_F(AppearanceSessionTest, ViewsFollowOneAnother) {
+TEST_F(AppearanceSessionTest, KeySwitchesWhatIsDrawn) {
   AppearanceSession session = this->session();
   (void)session.on_frame(frame_, {});
   std::vector<std::string> drawn;
@@ -74,7 +74,7 @@ TEST_F(AppearanceSessionTest, ViewsFollowOneAnother) {
   EXPECT_EQ(drawn, (std::vector<std::string>{"face", "points", "nothing", "mesh"}));
 }
 
-TEST_F(AppearanceSessionTest, AVideoIsFollowedAndNumbered) {
+TEST_F(AppearanceSessionTest, TracksObjectsInVideos) {
   AppearanceSession session = this->session();
   frame_.still = false;
   (void)session.on_frame(frame_, {});

@@ -39,7 +39,7 @@ class SetSessionTest : public ::testing::Test {
   face::shape::LandmarkSet set_;
 };
 
-TEST_F(SetSessionTest, GoesRoundThroughAllImages) {
+TEST_F(SetSessionTest, CyclesThroughAllImages) {
   SetSession session = this->session();
   EXPECT_EQ(session.on_event(key_event('n')).state.at("image"), 1);
   EXPECT_EQ(session.on_event(key_event(key::kRight)).state.at("image"), 2);
@@ -106,7 +106,7 @@ TEST(ShapeModelSession, SlidersAndAnimationMoveTheModes) {
   EXPECT_NE(first.at("values"), second.at("values"));
 }
 
-TEST_F(SetSessionTest, WithoutStatusThereIsNoBar) {
+TEST_F(SetSessionTest, WithoutStatusDrawsNoBar) {
   SetSession session = this->session();
   testing::expect_plain_image(session);
 }

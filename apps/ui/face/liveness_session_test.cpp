@@ -90,7 +90,7 @@ std::unique_ptr<face::PoseModels> LivenessSessionTest::models_;
 std::unique_ptr<face::appearance::AppearanceModel> LivenessSessionTest::appearance_;
 std::unique_ptr<synth::FaceSynth> LivenessSessionTest::synth_;
 
-TEST_F(LivenessSessionTest, AHeadThatTurnsAsItIsAskedPasses) {
+TEST_F(LivenessSessionTest, PassesIfTheHeadTurnsAsRequested) {
   LivenessSession asked = session();
   look(asked);
   double yaw = 0;
@@ -105,7 +105,7 @@ TEST_F(LivenessSessionTest, AHeadThatTurnsAsItIsAskedPasses) {
   EXPECT_EQ(view.status.find("2 of 2: passed"), 0U) << view.status;
 }
 
-TEST_F(LivenessSessionTest, AHeadThatOnlyLooksIsAskedAndFails) {
+TEST_F(LivenessSessionTest, FailsIfTheHeadDoesNotMove) {
   LivenessSession asked = session();
   look(asked);
   ASSERT_EQ(asked.challenge().state, LivenessState::kAsk);
@@ -119,7 +119,7 @@ TEST_F(LivenessSessionTest, AHeadThatOnlyLooksIsAskedAndFails) {
   EXPECT_EQ(view.status.find("0 of 2: not passed: time"), 0U) << view.status;
 }
 
-TEST_F(LivenessSessionTest, WhoGoesAwayFailsAndMayTryAgain) {
+TEST_F(LivenessSessionTest, FailsWithoutAFaceAndCanBeRestarted) {
   LivenessSession asked = session();
   look(asked);
   const cv::Mat nobody(240, 320, CV_8UC3, cv::Scalar::all(90));

@@ -72,7 +72,7 @@ class Nothing final : public FrameSource {
   std::vector<std::string> skipped_;
 };
 
-TEST_F(PatchSessionTest, KeysGoRoundThroughAllPatches) {
+TEST_F(PatchSessionTest, KeysCycleThroughAllPatches) {
   PatchSession session = this->session(false);
   Nothing source;
   ScriptedHost host(session, source);
@@ -85,7 +85,7 @@ TEST_F(PatchSessionTest, KeysGoRoundThroughAllPatches) {
   EXPECT_TRUE(host.steps().back().state.at("peak").is_null()) << "there is no image";
 }
 
-TEST_F(PatchSessionTest, ResponseTellsHowFarThePeakIsFromThePoint) {
+TEST_F(PatchSessionTest, ReportsTheOffsetOfTheResponsePeak) {
   PatchSession session = this->session(true);
   View view = session.on_idle({});
   EXPECT_EQ(view.state.at("peak"), (std::vector<int>{0, 0}));
@@ -97,7 +97,7 @@ TEST_F(PatchSessionTest, ResponseTellsHowFarThePeakIsFromThePoint) {
   EXPECT_EQ(view.state.at("peak"), (std::vector<int>{3, -2})) << "a wider region, the same peak";
 }
 
-TEST_F(PatchSessionTest, ClicksTakeButtonsAndThePatchUnderThem) {
+TEST_F(PatchSessionTest, ClicksSelectButtonsAndPatches) {
   PatchSession session = this->session(false);
   const auto click = [&](double x, double y) {
     Event event;
@@ -124,13 +124,13 @@ TEST_F(PatchSessionTest, EachPatchIsDrawnDifferently) {
   EXPECT_EQ(cv::norm(first, back, cv::NORM_INF), 0);
 }
 
-TEST_F(PatchSessionTest, PartsThatDoNotFitAreRefused) {
+TEST_F(PatchSessionTest, RefusesMismatchedModelParts) {
   model_.patches.pop_back();
   model_.reference = Eigen::Matrix2Xd(model_.reference.leftCols(3));
   EXPECT_THROW(this->session(false), std::invalid_argument);
 }
 
-TEST_F(PatchSessionTest, WithoutStatusThereIsNoBar) {
+TEST_F(PatchSessionTest, WithoutStatusDrawsNoBar) {
   PatchSession session = this->session(true);
   testing::expect_plain_image(session);
 }

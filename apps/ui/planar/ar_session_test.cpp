@@ -48,7 +48,7 @@ void keep_image(const cv::Mat& image, const std::string& name) {
     cv::imwrite(std::string(folder) + "/ar-" + name + ".png", image);
 }
 
-TEST(ArSessionTest, FindsMarkersWhereTheyAreAndDrawsOnThem) {
+TEST(ArSessionTest, ReportsMarkerDistancesAndDraws) {
   ArSession session(tracker(), options());
   const auto source = synth::open_synth_source(kVideo);
   ScriptedHost host(session, *source);
@@ -86,7 +86,7 @@ TEST(ArSessionTest, FindsMarkersWhereTheyAreAndDrawsOnThem) {
   }
 }
 
-TEST(ArSessionTest, FreezesSavesAndChangesTheFamily) {
+TEST(ArSessionTest, PausesSavesAndChangesTheFamily) {
   const auto folder =
       std::filesystem::temp_directory_path() /
       ("tarsier-ar-" + std::to_string(::testing::UnitTest::GetInstance()->random_seed()) +
@@ -114,7 +114,7 @@ TEST(ArSessionTest, FreezesSavesAndChangesTheFamily) {
   std::filesystem::remove_all(folder);
 }
 
-TEST(ArSessionTest, RefusesACameraOfAnotherShape) {
+TEST(ArSessionTest, RefusesACameraOfAnotherAspectRatio) {
   planar::MarkerTrackerOptions how;
   how.camera = geometry::guessed_camera({1280, 720});
   ArSession session(planar::MarkerTracker::load(how), options());

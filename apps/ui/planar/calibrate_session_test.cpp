@@ -37,7 +37,7 @@ void keep_image(const cv::Mat& image, const char* name) {
     cv::imwrite(std::string(folder) + "/session-" + name + ".png", image);
 }
 
-TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
+TEST(CalibrateSessionTest, AcceptsViewsAndCalibratesByItself) {
   TARSIER_LONG_TEST();
   CalibrateSession session(calibrator());
   const auto source = video(124);
@@ -89,7 +89,7 @@ TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
     }
 }
 
-TEST(CalibrateSessionTest, TellsWhatIsMissingAndForgets) {
+TEST(CalibrateSessionTest, ReportsMissingViewsAndDropsViews) {
   CalibrateSession session(calibrator());
   const auto source = video(60);
   ScriptedHost host(session, *source);
@@ -115,7 +115,7 @@ TEST(CalibrateSessionTest, TellsWhatIsMissingAndForgets) {
   EXPECT_GE(session.seen().images.size(), 1U);  // it goes on
 }
 
-TEST(CalibrateSessionTest, APersonMayTakeAViewAndIsToldWhyThereIsNoCamera) {
+TEST(CalibrateSessionTest, AcceptsManualViewsAndReportsTheRefusal) {
   CalibrateSession session(calibrator());
   const auto source = video(9);
   ScriptedHost host(session, *source);
@@ -136,7 +136,7 @@ TEST(CalibrateSessionTest, APersonMayTakeAViewAndIsToldWhyThereIsNoCamera) {
   EXPECT_TRUE(last.finished);
 }
 
-TEST(CalibrateSessionTest, StillImagesAreViewsOfTheirOwn) {
+TEST(CalibrateSessionTest, AcceptsEachStillImage) {
   CalibrateSession session(calibrator());
   const synth::BoardVideo truth({480, 360}, calibrator().options().board, 1);
   for (int k = 0; k < 5; ++k) {
@@ -156,7 +156,7 @@ TEST(CalibrateSessionTest, StillImagesAreViewsOfTheirOwn) {
 }
 
 // A board that is only found as if it were evenly lit: after some frames it is, and stays so.
-TEST(CalibrateSessionTest, FindsABoardInUnevenLightAndKeepsIt) {
+TEST(CalibrateSessionTest, FindsABoardInUnevenLight) {
   const geometry::Camera camera{480, 360, 408, 408, 240, 180};
   const auto spec = calibrator().options().board;
   synth::BoardLook look;
@@ -177,7 +177,7 @@ TEST(CalibrateSessionTest, FindsABoardInUnevenLightAndKeepsIt) {
   EXPECT_EQ(session.seen().images.size(), 1U);
 }
 
-TEST(CalibrateSessionTest, TheSameFramesGiveTheSameSteps) {
+TEST(CalibrateSessionTest, IsDeterministic) {
   std::string first;
   for (int run = 0; run < 2; ++run) {
     CalibrateSession session(calibrator());
@@ -189,7 +189,7 @@ TEST(CalibrateSessionTest, TheSameFramesGiveTheSameSteps) {
   }
 }
 
-TEST(CalibrateSessionTest, WithoutStatusNoTextIsOnTheImage) {
+TEST(CalibrateSessionTest, WithoutStatusDrawsNoText) {
   CalibrateSession session(calibrator());
   session.draw_status(false);
   Frame frame;

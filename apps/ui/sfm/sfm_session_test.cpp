@@ -96,7 +96,7 @@ class SfmSessionTest : public FolderTest {
 std::vector<cv::Mat>* SfmSessionTest::video_ = nullptr;
 geometry::Camera* SfmSessionTest::camera_ = nullptr;
 
-TEST_F(SfmSessionTest, WithItsVideo) {
+TEST_F(SfmSessionTest, GrowsAndDrawsTheModelDuringTheVideo) {
   SfmSession session = make();
   const cv::Mat untouched = (*video_)[23].clone();
   Walk walk(*video_);
@@ -138,7 +138,7 @@ TEST_F(SfmSessionTest, WithItsVideo) {
   EXPECT_EQ(cv::norm((*video_)[23], untouched, cv::NORM_INF), 0) << "the video was drawn on";
 }
 
-TEST_F(SfmSessionTest, IsAFunctionOfFramesAndEvents) {
+TEST_F(SfmSessionTest, IsDeterministic) {
   std::string transcripts[2];
   for (std::string& transcript : transcripts) {
     SfmSession session = make();
@@ -150,7 +150,7 @@ TEST_F(SfmSessionTest, IsAFunctionOfFramesAndEvents) {
   EXPECT_EQ(transcripts[0], transcripts[1]);
 }
 
-TEST_F(SfmSessionTest, TurnsAndZoomsTheCloudAndNotTheVideo) {
+TEST_F(SfmSessionTest, RotatesAndZoomsOnlyTheCloud) {
   SfmSession session = make();
   Walk walk({video_->begin(), video_->begin() + 12});
   ScriptedHost host(session, walk);
@@ -194,7 +194,7 @@ TEST_F(SfmSessionTest, TurnsAndZoomsTheCloudAndNotTheVideo) {
   EXPECT_EQ(cv::norm(before(right), first(right), cv::NORM_INF), 0) << "not the first view again";
 }
 
-TEST_F(SfmSessionTest, GivesTheStagesToWhoLooks) {
+TEST_F(SfmSessionTest, PassesStagesToAWatchingSink) {
   SfmSession plain = make();
   Walk walk({video_->begin(), video_->begin() + 12});
   ScriptedHost host(plain, walk);
@@ -221,7 +221,7 @@ TEST_F(SfmSessionTest, GivesTheStagesToWhoLooks) {
   EXPECT_EQ(cv::norm(view.output, expected, cv::NORM_INF), 0) << "looking changes the drawing";
 }
 
-TEST_F(SfmSessionTest, PausesAndEnds) {
+TEST_F(SfmSessionTest, PausesAndQuits) {
   SfmSession session = make();
   SourceStatus live;
   live.state = SourceState::kLive;
@@ -269,7 +269,7 @@ TEST_F(SfmSessionTest, SurvivesAStopAndAPlainVideo) {
   EXPECT_EQ(plain.finish().state["points"], 0);
 }
 
-TEST_F(SfmSessionTest, WithoutStatusTheImageIsTheDrawing) {
+TEST_F(SfmSessionTest, WithoutStatusShowsOnlyTheDrawing) {
   SfmSession session = make();
   session.draw_status(false);
   Frame frame;
