@@ -127,7 +127,7 @@ TEST(Verbs, HelpJsonManualAndCompletionNameEveryFlag) {
   for (const AreaInfo& area : areas) {
     for (const VerbInfo& verb : area.verbs) {
       const std::string name = name_of(verb);
-      const std::string help = help_text(*chosen_command(program.root, verb.path).command);
+      const std::string help = help_text(*match_command(program.root, verb.path).command);
       const nlohmann::json& described = json["verbs"].at(count++);
       EXPECT_EQ(described["verb"], name);
       EXPECT_EQ(described["inputs"].size() + described["flags"].size(), verb.flags.size()) << name;

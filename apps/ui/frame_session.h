@@ -83,7 +83,7 @@ class FrameSession : public Session {
   [[nodiscard]] virtual std::string message() const { return ""; }
 
   // Text at the right of the bar.
-  [[nodiscard]] virtual std::string note() const { return timer_.words(still()) + "   h: help"; }
+  [[nodiscard]] virtual std::string note() const { return timer_.text(still()) + "   h: help"; }
   // Lines of the panel of keys before those of the actions.
   [[nodiscard]] virtual std::vector<image::draw::HelpLine> help_lines() const { return {}; }
 
@@ -108,15 +108,15 @@ class FrameSession : public Session {
   [[nodiscard]] const cv::Mat& drawing() const { return output_; }
 
  private:
-  void hear(const SourceStatus& source);
-  bool draw_again();
+  void set_source(const SourceStatus& source);
+  bool update_drawing();
   View view(bool fresh);
 
   std::string title_;
   SessionControls controls_;
   FrameTimer timer_;
   SourceStatus source_;
-  std::string trouble_;  // of the source
+  std::string source_warning_;  // of the source
   bool toggles_fullscreen_ = false;
   Frame latest_;
   cv::Mat output_;

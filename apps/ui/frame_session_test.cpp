@@ -36,7 +36,7 @@ class Marks final : public FrameSession {
     image.at<cv::Vec3b>(0, 0) = cv::Vec3b::all(value_);
   }
   [[nodiscard]] nlohmann::json state() const override { return {{"value", value_}}; }
-  [[nodiscard]] std::string status() const override { return counted(1, "mark"); }
+  [[nodiscard]] std::string status() const override { return count_text(1, "mark"); }
   [[nodiscard]] std::vector<Action> own_actions() const override {
     return {{"raise", "a higher value", 'r'}, {"look", "changes nothing", 'l'}};
   }
@@ -72,7 +72,7 @@ SourceStatus stale() { return {.state = SourceState::kStale, .detail = "", .age_
 
 TEST(SessionControls, HandlesPauseHelpAndQuitAndListsThemLast) {
   SessionControls controls(true);
-  const std::vector<Action> actions = controls.after({{"raise", "", 'r'}});
+  const std::vector<Action> actions = controls.append_to({{"raise", "", 'r'}});
   ASSERT_EQ(actions.size(), 4U);
   EXPECT_EQ(actions[0].name, "raise");
   EXPECT_EQ(action_of(key_event(key::kSpace), actions), "pause");
@@ -92,14 +92,14 @@ TEST(SessionControls, HandlesPauseHelpAndQuitAndListsThemLast) {
 
 TEST(SessionControls, HasNoPauseActionUnlessRequested) {
   SessionControls controls;
-  EXPECT_EQ(action_of(key_event(key::kSpace), controls.after({})), "");
+  EXPECT_EQ(action_of(key_event(key::kSpace), controls.append_to({})), "");
   EXPECT_FALSE(controls.act("pause"));
   EXPECT_FALSE(controls.paused());
 }
 
 TEST(SessionControls, PauseKeyIsConfigurable) {
   const SessionControls controls(true, 'p');
-  const std::vector<Action> actions = controls.after({{"take", "", key::kSpace}});
+  const std::vector<Action> actions = controls.append_to({{"take", "", key::kSpace}});
   EXPECT_EQ(action_of(key_event('p'), actions), "pause");
   EXPECT_EQ(action_of(key_event(key::kSpace), actions), "take");
 }

@@ -38,13 +38,13 @@ TEST(DrawHelp, ListsOnlyActionsWithAKey) {
 
 TEST(FrameTimer, ReportsFrameRateForVideosOnly) {
   FrameTimer timer;
-  EXPECT_EQ(timer.words(false), "0.0 ms");
+  EXPECT_EQ(timer.text(false), "0.0 ms");
   timer.start();
   timer.stop();
-  EXPECT_EQ(timer.usual_ms(), timer.last_ms());
-  EXPECT_THAT(timer.words(true), ::testing::Not(::testing::HasSubstr("frames/s")));
-  if (timer.usual_ms() > 0) {  // a clock may stand still for so short a time
-    EXPECT_THAT(timer.words(false), ::testing::HasSubstr("frames/s"));
+  EXPECT_EQ(timer.mean_ms(), timer.last_ms());
+  EXPECT_THAT(timer.text(true), ::testing::Not(::testing::HasSubstr("frames/s")));
+  if (timer.mean_ms() > 0) {  // a clock may stand still for so short a time
+    EXPECT_THAT(timer.text(false), ::testing::HasSubstr("frames/s"));
   }
 }
 

@@ -64,10 +64,10 @@ class ScriptedHost {
   FrameSource& source_;
   FrameSink* sink_ = nullptr;
   std::map<std::int64_t, std::vector<Event>> events_;
-  std::set<std::int64_t> kept_;
+  std::set<std::int64_t> kept_frames_;
   std::vector<ScriptStep> steps_;
-  Frame last_;            // the frame that an image of an event belongs to
-  std::int64_t fed_ = 0;  // frames
+  Frame last_;                    // the frame that an image of an event belongs to
+  std::int64_t frame_count_ = 0;  // frames
 };
 
 // "key s", "action sketch", "slider threshold 60", "mouse left-down 10 20": for transcripts.

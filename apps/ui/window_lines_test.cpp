@@ -110,7 +110,7 @@ TEST(WindowLines, ResultIsIndependentOfPieceSize) {
     EXPECT_EQ(all[1].event->name, "x");
     EXPECT_EQ(all[2].want, true);
     EXPECT_EQ(lines.refused(), 1U);
-    EXPECT_THAT(lines.trouble(), HasSubstr("no JSON object"));
+    EXPECT_THAT(lines.last_error(), HasSubstr("no JSON object"));
   }
 }
 
@@ -119,16 +119,16 @@ TEST(WindowLines, SkipsOverlongLinesWithoutStoringThem) {
   const std::string piece(1000, 'x');
   for (int i = 0; i < 1000; ++i) {
     EXPECT_TRUE(lines.feed(piece).empty());
-    EXPECT_LE(lines.held_bytes(), 2 * WindowLines::kLongestLine);
+    EXPECT_LE(lines.held_bytes(), 2 * WindowLines::kMaxLineLength);
   }
   EXPECT_EQ(lines.refused(), 1U) << "said once";
-  EXPECT_THAT(lines.trouble(), HasSubstr("64 kB"));
+  EXPECT_THAT(lines.last_error(), HasSubstr("64 kB"));
   const std::vector<WindowLine> after = lines.feed("\n{\"key\":97}\n");
   ASSERT_EQ(after.size(), 1U);
   EXPECT_EQ(after[0].event->key, 'a');
   // The longest that is allowed.
   std::string longest = R"({"key":98})";
-  longest.resize(WindowLines::kLongestLine, ' ');
+  longest.resize(WindowLines::kMaxLineLength, ' ');
   EXPECT_EQ(lines.feed(longest + "\n").size(), 1U);
   EXPECT_EQ(lines.feed(" " + longest + "\n").size(), 0U);
   EXPECT_EQ(lines.refused(), 2U);

@@ -141,9 +141,10 @@ TEST_F(PipeWindowTest, StartsWithActionsAndSliders) {
       "actions":[{"name":"sketch","help":"pencil","key":115}],
       "sliders":[{"name":"threshold","low":0,"high":255,"step":1,"value":60}],"stages":false})"));
   // Values alone come with the state; other names and limits are another hello.
-  window_->offer({{"sketch", "pencil", 's'}}, {{"threshold", 0, 255, 1, 61}});
+  window_->set_controls({{"sketch", "pencil", 's'}}, {{"threshold", 0, 255, 1, 61}});
   EXPECT_EQ(kinds(records()), "");
-  window_->offer({{"sketch", "pencil", 's'}, {"paint", "", 'p'}}, {{"threshold", 0, 9, 1, 5}});
+  window_->set_controls({{"sketch", "pencil", 's'}, {"paint", "", 'p'}},
+                        {{"threshold", 0, 9, 1, 5}});
   const std::vector<Record> second = records();
   ASSERT_EQ(kinds(second), "H");
   EXPECT_EQ(second[0].parsed()["actions"].size(), 2U);

@@ -38,7 +38,7 @@ ExitStatus browse_session(Session& session, const std::string& title, bool fulls
       finished = finished || last->finished;
       if (last->toggle_fullscreen) window->set_fullscreen(!window->fullscreen());
       if (event.kind == Event::Kind::kMouse) continue;
-      window->offer(session.actions(), session.sliders());
+      window->set_controls(session.actions(), session.sliders());
     }
     if (finished) break;
     if (last) window->show(*last, nullptr);

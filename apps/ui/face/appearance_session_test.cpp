@@ -44,7 +44,7 @@ class AppearanceSessionTest : public ::testing::Test {
       return std::vector<std::vector<Eigen::Matrix2Xd>>{
           {face::shape::fit_similarity(mean, unseen_.points)(mean)}};
     };
-    return {tracker(), AppearanceSession::Drawn::kMesh, nullptr, std::move(state)};
+    return {tracker(), AppearanceSession::Overlay::kMesh, nullptr, std::move(state)};
   }
 
   face::appearance::TrainingImage unseen_ = face::appearance::testing::portraits(1, 33)[0];
@@ -80,7 +80,7 @@ TEST_F(AppearanceSessionTest, TracksObjectsInVideos) {
   (void)session.on_frame(frame_, {});
   frame_.time = 0.04;
   const View view = session.on_frame(frame_, {});
-  EXPECT_TRUE(session.follows());
+  EXPECT_TRUE(session.is_tracking());
   EXPECT_EQ(view.state["ids"], nlohmann::json::array({1}));
   EXPECT_FALSE(session.on_event(key_event('h')).finished);
   EXPECT_TRUE(session.on_event(key_event(key::kEscape)).finished);

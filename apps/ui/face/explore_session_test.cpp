@@ -120,7 +120,7 @@ TEST(ExploreSession, RefusesPointsOfAnotherModel) {
                std::invalid_argument);
 }
 
-TEST(ShapePlayground, SlidersMoveTheShapeAmongTheTrainingShapes) {
+TEST(ShapeSpaceSession, SlidersMoveTheShapeAmongTheTrainingShapes) {
   std::vector<Eigen::Matrix2Xd> shapes;
   face::shape::LandmarkSet set;
   for (const face::appearance::TrainingImage& image : face::appearance::testing::portraits(20, 1)) {
@@ -128,7 +128,7 @@ TEST(ShapePlayground, SlidersMoveTheShapeAmongTheTrainingShapes) {
     set.samples.emplace_back();
     set.samples.back().points = image.points;
   }
-  ShapePlayground session(face::shape::train_shape_model(set, {}), shapes);
+  ShapeSpaceSession session(face::shape::train_shape_model(set, {}), shapes);
   ASSERT_EQ(session.sliders().size(), 2U);
   const cv::Mat mean = session.image();
   (void)session.on_event(slider_event("mode 1", 2));

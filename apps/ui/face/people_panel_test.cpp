@@ -245,7 +245,7 @@ TEST_F(PeoplePanelTest, DrawsItselfAndHandlesClicks) {
       if (panel_->list() != List::kNone && area.width > 208)
         EXPECT_GT(cv::norm(image(area), before(area), cv::NORM_INF), 20) << list;
       EXPECT_EQ(cv::norm(image.colRange(0, area.x), before.colRange(0, area.x), cv::NORM_INF), 0);
-      panel_->shut();
+      panel_->close();
     }
   }
   cv::Mat image(420, 560, CV_8UC3, cv::Scalar::all(90));

@@ -282,7 +282,7 @@ TEST_F(PeopleSessionTest, GroupsUnknownFacesAndNamesThem) {
   // The host keeps who was seen.
   const face::people::Face& seen = session.faces().at(0).face;
   const face::people::SeenFace kept{seen.crop.clone(), seen.quality.score(), "{}"};
-  session.stored(seen.id, gallery.add_sighting(1000, "camera", "", false, 0, &kept));
+  session.on_sighting_stored(seen.id, gallery.add_sighting(1000, "camera", "", false, 0, &kept));
   view = session.on_frame(frame(image, 1), live_);
   EXPECT_EQ(view.state["unknown"]["waiting"], 1);
   EXPECT_THAT(view.image.cols, ::testing::Gt(image.cols));

@@ -53,14 +53,14 @@ TEST(CalibrateSessionTest, AcceptsViewsAndCalibratesByItself) {
   EXPECT_EQ(steps[2].state["views"], 0);
   int taken_moving = 0;
   const synth::BoardVideo truth({480, 360}, calibrator().options().board, 1);
-  for (const planar::CalibrationImage& view : session.seen().images) {
+  for (const planar::CalibrationImage& view : session.calibrator_state().images) {
     const auto now = truth.pose_at(view.time);
     const auto before = truth.pose_at(view.time - 0.1);
     ASSERT_TRUE(now && before);
     if ((now->translation - before->translation).norm() > 0.004) ++taken_moving;
   }
   EXPECT_EQ(taken_moving, 0);
-  EXPECT_GE(session.seen().images.size(), 8U);
+  EXPECT_GE(session.calibrator_state().images.size(), 8U);
   ASSERT_TRUE(session.result());
   ASSERT_TRUE(session.result()->ok()) << session.result()->calibration.refusal;
   EXPECT_NEAR(session.result()->calibration.camera.fx / truth.camera().fx, 1, 2e-3);
@@ -112,7 +112,7 @@ TEST(CalibrateSessionTest, ReportsMissingViewsAndDropsViews) {
     }
   }
   EXPECT_GE(before, 2U);
-  EXPECT_GE(session.seen().images.size(), 1U);  // it goes on
+  EXPECT_GE(session.calibrator_state().images.size(), 1U);  // it goes on
 }
 
 TEST(CalibrateSessionTest, AcceptsManualViewsAndReportsTheRefusal) {
@@ -152,7 +152,7 @@ TEST(CalibrateSessionTest, AcceptsEachStillImage) {
   other.image = cv::Mat(100, 100, CV_8UC3, cv::Scalar::all(90));
   other.still = true;
   EXPECT_EQ(session.on_frame(other, {}).state["verdict"], "another size");
-  EXPECT_EQ(session.seen().images.size(), 5U);
+  EXPECT_EQ(session.calibrator_state().images.size(), 5U);
 }
 
 // A board that is only found as if it were evenly lit: after some frames it is, and stays so.
@@ -174,7 +174,7 @@ TEST(CalibrateSessionTest, FindsABoardInUnevenLight) {
     if (session.on_frame(frame, {}).state["verdict"] != "no board") ++seen;
   }
   EXPECT_GE(seen, 9);
-  EXPECT_EQ(session.seen().images.size(), 1U);
+  EXPECT_EQ(session.calibrator_state().images.size(), 1U);
 }
 
 TEST(CalibrateSessionTest, IsDeterministic) {

@@ -42,7 +42,7 @@ class PlateSession final : public FrameSession {
   [[nodiscard]] const std::vector<plate::LiveTrack>& tracks() const { return result_.tracks; }
 
  private:
-  void tell(const std::vector<plate::PlateEvent>& events);
+  void report(const std::vector<plate::PlateEvent>& events);
   void process(const Frame& frame) override;
   void processed() override;
   void draw(cv::Mat& image) override;

@@ -108,7 +108,7 @@ ExitStatus explore_points(const ExploreFlags& flags, Context& context) {
   }
   if (!flags.grid.empty() || !flags.image.empty())
     throw UsageError("--grid and --on need an appearance model, not shapes");
-  ShapePlayground session(std::move(model), shapes);
+  ShapeSpaceSession session(std::move(model), shapes);
   return show(session, flags, "Tarsier shapes", context);
 }
 

@@ -72,12 +72,13 @@ ExitStatus run_live(CalibrateFlags& flags, const planar::Calibrator& calibrator,
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
   if (status != ExitStatus::kDone) return status;
-  if (session.seen().views.empty()) {
+  if (session.calibrator_state().views.empty()) {
     log_warning("no view of the board {} was taken: no camera is written",
                 calibrator.options().board.text());
     return ExitStatus::kNothingFound;
   }
-  return finish_calibration(flags, calibrator.calibrate(session.seen(), {}, context.stop), context);
+  return finish_calibration(
+      flags, calibrator.calibrate(session.calibrator_state(), {}, context.stop), context);
 }
 
 // --- the verb ---

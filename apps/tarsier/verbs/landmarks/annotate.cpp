@@ -63,7 +63,7 @@ class Video {
     }
     source_.reset();
     session_.video_ended();
-    return session_.look();
+    return session_.current_view();
   }
   // Time until the next frame must be shown.
   [[nodiscard]] milliseconds wait() const {
@@ -161,7 +161,7 @@ class Lines {
     } else if (words[0] == "key" && words.size() == 2 && words[1].size() == 1) {
       send(key_event(words[1][0]));
     } else if (words[0] == "look" && words.size() == 2) {
-      write_image(words[1], session_.look().image);
+      write_image(words[1], session_.current_view().image);
     } else if (words.size() == 1 && is_action(words[0])) {
       send(action_event(words[0]));
     } else {

@@ -73,7 +73,7 @@ ExitStatus show_set(const ShowFlags& flags, Context& context) {
   style.symmetry = !flags.plain && !set.mirror.empty();
   if (flags.output.empty()) {
     window::prepare();
-    SetSession session(set, flags.file, style, flags.mirrored);
+    LandmarkSetSession session(set, flags.file, style, flags.mirrored);
     return browse_session(session, "Tarsier landmarks", flags.fullscreen, context, {});
   }
   write_image(flags.output, face::shape::contact_sheet(set, flags.file, flags.cell, flags.columns,

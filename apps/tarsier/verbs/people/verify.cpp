@@ -68,7 +68,7 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
   bool all = true;
   bool any = false;
   std::unique_ptr<Batch> batch;
-  if (flags.batch.wanted()) {
+  if (flags.batch.is_requested()) {
     batch =
         std::make_unique<Batch>(flags.batch, BatchTable(), flags.inputs, input_schemes(), context);
     context.is_batch = true;

@@ -52,7 +52,7 @@ void refuse_what_needs_one_source(const RunFlags& run) {
   if (!run.output.empty() && run.output != "none")
     throw UsageError("-o: images cannot be written for several cameras; omit it");
   if (run.window || run.fullscreen || run.frames > 0 || run.every != 1 || !run.actions.empty() ||
-      run.source.sequence || run.batch.wanted())
+      run.source.sequence || run.batch.is_requested())
     throw UsageError(
         "--window, --frames, --every, --actions, --sequence and --shard need a single source: not "
         "possible with several cameras");
