@@ -22,8 +22,8 @@ namespace {
 
 const cv::Size kSize{640, 480};
 constexpr double kFps = 25;
-constexpr int kFrames = 150;  // one turn of the video
-constexpr double kSide = 0.05;
+constexpr int kFrameCount = 150;  // one turn of the video
+constexpr double kMarkerSide_m = 0.05;
 
 synth::PlanarVideo desk() {
   synth::PlanarSourceOptions options;
@@ -88,14 +88,14 @@ void add_table(DemoPage& page, const Tally& tally) {
 void demo_markers(Context& context, DemoPage& page) {
   const synth::PlanarVideo video = desk();
   planar::MarkerTrackerOptions how;
-  how.side = kSide;
+  how.side = kMarkerSide_m;
   how.camera = video.camera();
   const auto tracker = planar::MarkerTracker::load(how);
   ArSessionOptions options;
   options.outlines = false;
   options.augment.object = planar::augment::Object::kMesh;
   options.augment.mesh = box_and_ball();
-  context.progress->begin("markers", kFrames, "frames");
+  context.progress->begin("markers", kFrameCount, "frames");
   page.begin_area(
       "Objects on printed markers",
       "A black square with a pattern tells where the camera is. What is drawn on it stays "
@@ -109,7 +109,7 @@ void demo_markers(Context& context, DemoPage& page) {
   DemoImage poster;
   cv::Mat plain;
   cv::Mat drawn;
-  for (int i = 0; i < kFrames; ++i) {
+  for (int i = 0; i < kFrameCount; ++i) {
     throw_if_stopped(context.stop);
     Frame frame;
     frame.index = i;

@@ -69,31 +69,31 @@ void demo_targets(Context& context, DemoPage& page) {
                   "Any flat image with detail can take a marker's place: it is learnt from one "
                   "image, found in others, and followed through a video.");
   show_box(page);
-  synth::VideoOptions look;
-  look.exposure = 0.35;
-  look.seed = context.seed;
+  synth::VideoOptions video_options;
+  video_options.exposure = 0.35;
+  video_options.seed = context.seed;
   const synth::PlanarPrint poster = synth::poster_print(0, context.seed);
-  const synth::PlanarVideo video = synth::print_video({poster}, look);
+  const synth::PlanarVideo video = synth::print_video({poster}, video_options);
   planar::TargetTrackerOptions options;
   options.camera = video.camera();
   TargetSession session(planar::TargetTracker(
       {planar::image_targets::train_target(poster.image, "poster")}, options));
   std::vector<DemoImage> strip;
-  int seen = 0;
+  int tracked_frames = 0;
   for (int i = 0; i < frames; ++i) {
     throw_if_stopped(context.stop);
-    const cv::Mat drawn = seen_in(session, video.image_at(i / 25.0), false);
-    seen += session.result().seen.empty() ? 0 : 1;
+    const cv::Mat overlay = seen_in(session, video.image_at(i / 25.0), false);
+    tracked_frames += session.result().seen.empty() ? 0 : 1;
     if (i % (frames / 5) == frames / 10)
       strip.push_back(
-          page.image(fmt::format("target-video-{}", strip.size() + 1), drawn,
+          page.image(fmt::format("target-video-{}", strip.size() + 1), overlay,
                      fmt::format("{:.1f} s, {:.1f} ms", i / 25.0, session.result().ms)));
     context.progress->advance();
   }
   page.heading("Followed",
                fmt::format("A drawn video: the camera moves up to 25 pixels a frame, the light "
                            "swings, a hand passes. Seen in {} of {} frames.",
-                           seen, frames));
+                           tracked_frames, frames));
   page.grid(strip);
   page.command("tarsier ar target-track 0 --window  # frame an image with the mouse");
   context.progress->end();

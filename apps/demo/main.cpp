@@ -47,11 +47,11 @@ static_assert(std::ranges::equal(kSteps, kDemoAreas, {}, &DemoStep::name),
 std::string program_for_a_shell() {
   namespace fs = std::filesystem;
   // If installed, this program is in libexec/tarsier, and tarsier in bin, which is in PATH.
-  const fs::path beside = fs::path(program_folder()) / "tarsier";
+  const fs::path sibling = fs::path(program_folder()) / "tarsier";
   std::error_code error;
-  if (!fs::exists(beside, error)) return "tarsier";
-  const fs::path path = fs::relative(beside, error);
-  return error || path.native().starts_with("..") ? beside.string() : path.string();
+  if (!fs::exists(sibling, error)) return "tarsier";
+  const fs::path path = fs::relative(sibling, error);
+  return error || path.native().starts_with("..") ? sibling.string() : path.string();
 }
 
 ExitStatus run_demo(const DemoOptions& options, Context& context) {

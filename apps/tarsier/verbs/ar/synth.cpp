@@ -26,7 +26,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kMinTarget = 80;  // px: smaller images cannot be recognised
+constexpr double kMinTargetSide = 80;  // px: smaller images cannot be recognised
 
 struct SynthFlags {
   std::string what;
@@ -45,10 +45,10 @@ struct SynthFlags {
 std::vector<synth::PlanarLevel> levels_of(const std::string& name) {
   using synth::PlanarLevel;
   const std::vector<PlanarLevel> all{PlanarLevel::kEasy, PlanarLevel::kMedium, PlanarLevel::kHard};
-  std::vector<PlanarLevel> some;
-  std::copy_if(all.begin(), all.end(), std::back_inserter(some),
+  std::vector<PlanarLevel> selected;
+  std::copy_if(all.begin(), all.end(), std::back_inserter(selected),
                [&](PlanarLevel level) { return name == "all" || name_of(level) == name; });
-  return some;
+  return selected;
 }
 
 // The given images, or synthetic posters; all are written to OUT/targets/.
@@ -79,7 +79,7 @@ std::vector<synth::PlanarPrint> targets_of(const SynthFlags& flags, const Contex
 ExitStatus make_images(SynthFlags& flags, Context& context) {
   const bool is_planar = flags.what == "planar";
   flags.still.size = parse_size(flags.size, 64, 8192);
-  if (is_planar && flags.min_side->count() == 0) flags.still.min_side_px = kMinTarget;
+  if (is_planar && flags.min_side->count() == 0) flags.still.min_side_px = kMinTargetSide;
   if (flags.still.least > flags.still.most)
     throw UsageError(
         fmt::format("--min-markers {}, --max-markers {}", flags.still.least, flags.still.most));
@@ -95,7 +95,7 @@ ExitStatus make_images(SynthFlags& flags, Context& context) {
   const std::vector<synth::PlanarLevel> levels = levels_of(flags.level);
   const Rng seeds(context.seed);
   std::string lines;
-  std::size_t shown = 0;
+  std::size_t marker_count = 0;
   context.progress->begin("drawing", flags.count, "images");
   for (int i = 0; i < flags.count; ++i) {
     throw_if_stopped(context.stop);
@@ -114,15 +114,15 @@ ExitStatus make_images(SynthFlags& flags, Context& context) {
     write_image((folder / line.image).string(), still.image, 95);
     const std::string text = truth_line(line, still, prints);
     lines += text + "\n";
-    shown += still.truth.size();
+    marker_count += still.truth.size();
     if (context.json) print_text(text + '\n');
     context.progress->advance();
   }
   context.progress->end();
   write_file_atomically((folder / "truth.jsonl").string(), lines);
   if (!context.json && !context.quiet)
-    print_text(fmt::format("{}: {} images, {} {}, truth.jsonl\n", flags.output, flags.count, shown,
-                           is_planar ? "targets" : "markers"));
+    print_text(fmt::format("{}: {} images, {} {}, truth.jsonl\n", flags.output, flags.count,
+                           marker_count, is_planar ? "targets" : "markers"));
   return ExitStatus::kDone;
 }
 

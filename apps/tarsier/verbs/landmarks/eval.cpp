@@ -130,7 +130,7 @@ ExitStatus study_persons(const EvalFlags& flags, const face::shape::LandmarkSet&
 }
 
 // Evaluates boxes only.
-ExitStatus judge_detection(const EvalFlags& flags, Context& context) {
+ExitStatus evaluate_detection(const EvalFlags& flags, Context& context) {
   const std::vector<face::shape::BoxedImage> images =
       load_boxes(flags.set, flags.held_out, Part::kHeldOut);
   const face::LandmarkTracker tracker = load_landmark_tracker(flags.landmarks);
@@ -174,7 +174,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   if (flags.occlude && (flags.detection || flags.by_person || !flags.results.empty()))
     throw UsageError(
         "--occlude evaluates a model on images: not with --detection, --by-person, --results");
-  if (flags.detection) return judge_detection(flags, context);
+  if (flags.detection) return evaluate_detection(flags, context);
   const face::shape::LandmarkSet set =
       face::shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
   if (set.samples.empty())

@@ -23,7 +23,7 @@ struct EnrollFlags {
   std::string note;
   std::vector<std::string> inputs;
   SourceOptions source;
-  std::int64_t most = 20;
+  std::int64_t max_faces = 20;
   bool largest = false;
   bool any_quality = false;
   face::people::CollectOptions collect;
@@ -35,7 +35,7 @@ class Enrolment {
   Enrolment(const EnrollFlags& flags, Context& context)
       : flags_(flags),
         context_(context),
-        faces_(make_face_reader(flags.people, UncertainFaces::kToo), nullptr),
+        faces_(make_face_reader(flags.people, UncertainFaces::kInclude), nullptr),
         collector_(flags.collect),
         gallery_(flags.people.gallery, DatabaseAccess::kCreate),
         background_(background_to_enroll(gallery_, flags.people)),
@@ -47,15 +47,17 @@ class Enrolment {
     // is done, so that new faces get their templates at once.
     if (auto known = model(face::people::Searching::kByIndex)) {
       coordinates_ = known->space < 0;
-      before_.emplace(gallery_, background(), std::move(known), face::people::Searching::kByIndex);
+      model_before_.emplace(gallery_, background(), std::move(known),
+                            face::people::Searching::kByIndex);
     }
-    while (!source->ended() && taken() < flags_.most && !context_.stop.stop_requested()) {
+    while (!source->ended() && face_count() < flags_.max_faces && !context_.stop.stop_requested()) {
       const auto frame = source->next(std::chrono::milliseconds(200), context_.stop);
-      if (frame) take(*frame);
+      if (frame) process(*frame);
     }
     const std::vector<std::string> others =
-        before_ && !crops_.empty() ? face::people::other_names(*before_, crops_, flags_.name)
-                                   : std::vector<std::string>();
+        model_before_ && !crops_.empty()
+            ? face::people::other_names(*model_before_, crops_, flags_.name)
+            : std::vector<std::string>();
     for (const std::string& other : others)
       log_warning("these faces look like '{}', who is enrolled already: one person, two names?",
                   other);
@@ -63,12 +65,12 @@ class Enrolment {
     if (context_.stop.stop_requested()) return ExitStatus::kInterrupted;
     // Prepares the model for the next verb. A large gallery has its templates already.
     const bool fixed = coordinates_ && !face::has_deep_templates(gallery_);
-    if (taken() > 0 && !fixed) (void)model(face::people::Searching::kNothing);
-    return taken() > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+    if (face_count() > 0 && !fixed) (void)model(face::people::Searching::kNothing);
+    return face_count() > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
   }
 
  private:
-  [[nodiscard]] std::int64_t taken() const { return collector_.taken(); }
+  [[nodiscard]] std::int64_t face_count() const { return collector_.taken(); }
 
   [[nodiscard]] const face::recognition::Background* background() const {
     return background_ ? &*background_ : nullptr;
@@ -83,7 +85,7 @@ class Enrolment {
     }
   }
 
-  void take(const Frame& frame) {
+  void process(const Frame& frame) {
     if (frame.name != source_name_) {
       source_name_ = frame.name;
       if (!frame.still) collector_.restart();
@@ -121,14 +123,14 @@ class Enrolment {
       nlohmann::ordered_json refused = nlohmann::ordered_json::object();
       for (const auto& [reason, count] : collector_.refused()) refused[reason] = count;
       print_json({{"name", flags_.name},
-                  {"added", taken()},
+                  {"added", face_count()},
                   {"faces", faces},
                   {"refused", std::move(refused)},
                   {"same_as", others}});
       return;
     }
-    std::string text = fmt::format("{}: {} {} added, {} in all\n", printable(flags_.name), taken(),
-                                   taken() == 1 ? "face" : "faces", faces);
+    std::string text = fmt::format("{}: {} {} added, {} in all\n", printable(flags_.name),
+                                   face_count(), face_count() == 1 ? "face" : "faces", faces);
     for (const auto& [reason, count] : collector_.refused())
       text += fmt::format("  {:>5} refused: {}\n", count, reason);
     print_text(text);
@@ -142,7 +144,7 @@ class Enrolment {
   face::people::Gallery gallery_;
   std::optional<face::recognition::Background> background_;
   face::Enroller enroller_;
-  std::optional<face::people::GalleryFollower> before_;
+  std::optional<face::people::GalleryFollower> model_before_;
   bool coordinates_ = false;  // the gallery keeps faces as coordinates
   std::vector<cv::Mat> crops_;
   std::string source_name_;
@@ -165,7 +167,7 @@ void add_flags(Command& verb, EnrollFlags& flags) {
       .required();
   add_gallery_flag(verb, flags.people);
   verb.add_option("--note", flags.note, "note on the consent: who agreed to what, and when");
-  verb.add_option("--faces", flags.most, "stop after this many faces")
+  verb.add_option("--faces", flags.max_faces, "stop after this many faces")
       .check(range(1, 100000))
       .show_default();
   verb.add_flag("--largest", flags.largest, "use only the largest face of an image");

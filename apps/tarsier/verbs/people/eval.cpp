@@ -199,25 +199,25 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
 // training faces. Throws InputError if a person of the list has no detected face in --train-list.
 ListedFaces read_faces(const EvalFlags& flags, cv::Size size, face::people::FaceReader* reader,
                        Context& context, int& gallery) {
-  ListedFaces asked =
-      read_listed_faces(flags.list, flags.raw, size, false, reader, context, UncertainFaces::kToo);
-  for (const std::string& image : asked.missed) log_warning("{}: no face", image);
+  ListedFaces probes = read_listed_faces(flags.list, flags.raw, size, false, reader, context,
+                                         UncertainFaces::kInclude);
+  for (const std::string& image : probes.missed) log_warning("{}: no face", image);
   gallery = 0;
-  if (flags.train_list.empty()) return asked;
+  if (flags.train_list.empty()) return probes;
   ListedFaces out = read_listed_faces(flags.train_list, flags.raw, size, false, reader, context);
   for (const std::string& image : out.missed) log_warning("{}: no face", image);
   gallery = static_cast<int>(out.faces.size());
-  for (const std::string& label : asked.labels)
+  for (const std::string& label : probes.labels)
     if (std::find(out.labels.begin(), out.labels.begin() + gallery, label) ==
         out.labels.begin() + gallery)
       throw InputError(
           flags.list,
           fmt::format("{} has no face in {}: each probe person needs a training image there",
                       printable(label), flags.train_list));
-  out.missed = std::move(asked.missed);
-  std::move(asked.faces.begin(), asked.faces.end(), std::back_inserter(out.faces));
-  std::move(asked.labels.begin(), asked.labels.end(), std::back_inserter(out.labels));
-  out.trusted.insert(out.trusted.end(), asked.trusted.begin(), asked.trusted.end());
+  out.missed = std::move(probes.missed);
+  std::move(probes.faces.begin(), probes.faces.end(), std::back_inserter(out.faces));
+  std::move(probes.labels.begin(), probes.labels.end(), std::back_inserter(out.labels));
+  out.trusted.insert(out.trusted.end(), probes.trusted.begin(), probes.trusted.end());
   return out;
 }
 
@@ -270,7 +270,7 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   std::optional<face::people::FaceReader> reader;
   if (!flags.raw)
     reader.emplace(make_face_reader(
-        flags.people, flags.fit_same_camera ? UncertainFaces::kNone : UncertainFaces::kToo));
+        flags.people, flags.fit_same_camera ? UncertainFaces::kExclude : UncertainFaces::kInclude));
   // All algorithms share these crops; the classical preparation is computed from them.
   face::recognition::EvaluationOptions options;
   const ListedFaces listed =

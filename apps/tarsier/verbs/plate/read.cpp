@@ -87,7 +87,7 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   bool found = false;
   Unfit unfit;
   PlateSession session(
-      std::move(reader), [&](const plate::PlateEvent& event) { reports.vehicle(event); },
+      std::move(reader), [&](const plate::PlateEvent& event) { reports.report_vehicle(event); },
       [&](const Frame& frame) { return reports.moment_of(frame); }, debug.sink());
   reports.on_step([&](std::chrono::milliseconds by) { session.shift_unsynchronized(by); });
 
@@ -96,7 +96,7 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     found = found || ((frame.still || !flags.events_only) && !session.readings().empty());
-    if (frame.still) reports.still(frame, session.readings());
+    if (frame.still) reports.report_still(frame, session.readings());
     unfit.take(session.readings());
     reports.check();
   };
@@ -121,8 +121,9 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   session.finish();
   reports.finish(status == ExitStatus::kInterrupted);
   unfit.warn(flags.plate.reader.countries);
-  return status == ExitStatus::kDone && !found && !reports.found() ? ExitStatus::kNothingFound
-                                                                   : status;
+  return status == ExitStatus::kDone && !found && !reports.has_closed_events()
+             ? ExitStatus::kNothingFound
+             : status;
 }
 
 void add_flags(Command& verb, ReadFlags& flags) {

@@ -180,7 +180,7 @@ ExitStatus read_site(const std::vector<NamedSource>& cameras, const SiteFlags& f
     return reports.site_moment_of(frame);
   };
   handlers.events = [&](std::size_t, const std::vector<plate::PlateEvent>& events) {
-    for (const plate::PlateEvent& event : events) reports.vehicle(event);
+    for (const plate::PlateEvent& event : events) reports.report_vehicle(event);
   };
   handlers.source = [&](std::size_t camera, const SourceStatus& status) {
     const std::string& name = cameras[camera].name;
@@ -199,7 +199,7 @@ ExitStatus read_site(const std::vector<NamedSource>& cameras, const SiteFlags& f
   const bool interrupted = context.stop.stop_requested();
   reports.finish(interrupted);
   if (interrupted) return ExitStatus::kInterrupted;
-  return reports.found() ? ExitStatus::kDone : ExitStatus::kNothingFound;
+  return reports.has_closed_events() ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
 }  // namespace tarsier::cli
