@@ -123,9 +123,9 @@ bool fails_now(Operation operation) {
 // `write_some(bytes)` writes that many, or all of what the caller wanted.
 template <typename WriteSome>
 ssize_t faulty_write(int fd, std::size_t bytes, WriteSome write_some) {
-  const Outcome fate = is_under(fd) ? next_outcome(kWrite) : Outcome::kSucceed;
-  if (fate == Outcome::kSucceed) return write_some(bytes);
-  if (fate == Outcome::kTruncate) {
+  const Outcome outcome = is_under(fd) ? next_outcome(kWrite) : Outcome::kSucceed;
+  if (outcome == Outcome::kSucceed) return write_some(bytes);
+  if (outcome == Outcome::kTruncate) {
     const ssize_t written = bytes > 1 ? write_some(bytes / 2) : 0;
     if (kills_mid_write) kill_process();
     if (written > 0) {
