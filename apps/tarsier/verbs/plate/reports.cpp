@@ -137,7 +137,7 @@ plate::FrameMoment PlateReports::moment_of(const Frame& frame) {
   if (source != source_) clock_.begin(times_of(source, flags_, run_.source), frame.time);
   source_ = source;
   std::chrono::milliseconds step{0};
-  const plate::FrameMoment seen = update_clock(frame, step);
+  const plate::FrameMoment seen = tick(frame, step);
   if (step.count() != 0 && on_step_) on_step_(step);
   return seen;
 }
@@ -146,11 +146,11 @@ plate::SiteMoment PlateReports::site_moment_of(const Frame& frame) {
   if (source_.empty()) clock_.begin({}, frame.time);  // all are live: they share one clock
   source_ = frame.name;
   plate::SiteMoment moment;
-  moment.seen = update_clock(frame, moment.step);
+  moment.seen = tick(frame, moment.step);
   return moment;
 }
 
-plate::FrameMoment PlateReports::update_clock(const Frame& frame, std::chrono::milliseconds& step) {
+plate::FrameMoment PlateReports::tick(const Frame& frame, std::chrono::milliseconds& step) {
   const plate::FrameMoment seen = clock_.at(frame.time, frame.captured);
   if (const auto set = clock_.take_step()) {
     log_warning("the clock was set by {:.0f} s", static_cast<double>(set->count()) / 1000);

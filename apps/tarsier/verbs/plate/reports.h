@@ -63,7 +63,7 @@ class PlateReports {
   [[nodiscard]] bool has_closed_events() const { return has_closed_events_; }
 
  private:
-  plate::FrameMoment update_clock(const Frame& frame, std::chrono::milliseconds& step);
+  plate::FrameMoment tick(const Frame& frame, std::chrono::milliseconds& step);
   [[nodiscard]] std::optional<plate::WatchMatch> match_of(const plate::PlateEvent& event);
   // The JSON line of an event, with data of the watch list and the log.
   [[nodiscard]] nlohmann::ordered_json line_of(const plate::PlateEvent& event,
