@@ -70,12 +70,12 @@ std::vector<DemoImage> fit_sequence(DemoPage& page, const face::appearance::Appe
                                cropped(overlay, truth.points),
                                fmt::format("{}: {:.1f} % of the eye distance", name, error)));
   }
-  cv::Mat synthesized = image.clone();
+  cv::Mat made = image.clone();
   const face::appearance::Synthesis synthesis(model);
-  const face::appearance::Explained explained = synthesis.explain(image, fit.points);
-  synthesis.draw(explained.c, explained.offset, explained.gain, fit.points, synthesized);
+  const face::appearance::Explained seen = synthesis.explain(image, fit.points);
+  synthesis.draw(seen.c, seen.offset, seen.gain, fit.points, made);
   strip.push_back(
-      page.image("aam-fit-made", cropped(synthesized, truth.points), "what the model makes of it"));
+      page.image("aam-fit-made", cropped(made, truth.points), "what the model makes of it"));
   return strip;
 }
 

@@ -79,21 +79,21 @@ void demo_targets(Context& context, DemoPage& page) {
   TargetSession session(planar::TargetTracker(
       {planar::image_targets::train_target(poster.image, "poster")}, options));
   std::vector<DemoImage> strip;
-  int tracked_frames = 0;
+  int seen = 0;
   for (int i = 0; i < frames; ++i) {
     throw_if_stopped(context.stop);
-    const cv::Mat overlay = seen_in(session, video.image_at(i / 25.0), false);
-    tracked_frames += session.result().seen.empty() ? 0 : 1;
+    const cv::Mat drawn = seen_in(session, video.image_at(i / 25.0), false);
+    seen += session.result().seen.empty() ? 0 : 1;
     if (i % (frames / 5) == frames / 10)
       strip.push_back(
-          page.image(fmt::format("target-video-{}", strip.size() + 1), overlay,
+          page.image(fmt::format("target-video-{}", strip.size() + 1), drawn,
                      fmt::format("{:.1f} s, {:.1f} ms", i / 25.0, session.result().ms)));
     context.progress->advance();
   }
   page.heading("Followed",
                fmt::format("A drawn video: the camera moves up to 25 pixels a frame, the light "
                            "swings, a hand passes. Seen in {} of {} frames.",
-                           tracked_frames, frames));
+                           seen, frames));
   page.grid(strip);
   page.command("tarsier ar target-track 0 --window  # frame an image with the mouse");
   context.progress->end();

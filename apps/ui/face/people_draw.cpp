@@ -203,22 +203,21 @@ void PeopleSession::draw_confidence() {
 
 void PeopleSession::draw_debug() {
   if (!debug_ || faces_.empty()) return;
-  struct CollectedStages final : DebugSink {
+  struct Kept final : DebugSink {
     void image(std::string_view name, const cv::Mat& image) override {
       names.emplace_back(name);
       images.push_back(image.clone());
     }
     std::vector<std::string> names;
     std::vector<cv::Mat> images;
-  } collected;
+  } kept;
   const face::people::Face& face = faces_.front().face;
-  collected.image("aligned", face.crop);
-  (void)face::people::classical_face(face.crop, face::people::CutOptions(), {}, &collected);
-  collected.image("light taken out",
-                  face::recognition::light_image(face::recognition::tan_triggs(face.crop)));
+  kept.image("aligned", face.crop);
+  (void)face::people::classical_face(face.crop, face::people::CutOptions(), {}, &kept);
+  kept.image("light taken out",
+             face::recognition::light_image(face::recognition::tan_triggs(face.crop)));
   const cv::Size size = image_size();
-  const cv::Mat stages =
-      image::draw::tile(collected.images, collected.names, {size.width - 20, 132});
+  const cv::Mat stages = image::draw::tile(kept.images, kept.names, {size.width - 20, 132});
   put(shown_, stages, {10, size.height - 142});
   std::string text =
       fmt::format("eyes {:.0f} px  sharp {:.2f}  turn {:+.2f}  tilt {:+.2f}  light {:.0f}",

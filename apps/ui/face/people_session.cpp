@@ -75,8 +75,8 @@ void PeopleSession::load_people() {
 }
 
 View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  if (source_of(frame) != collector_source_) collector_.restart();
-  collector_source_ = source_of(frame);
+  if (source_of(frame) != collected_from_) collector_.restart();
+  collected_from_ = source_of(frame);
   source_name_ = frame.name;
   source_ = source_warning(source);
   frame_ = frame.image;
@@ -87,7 +87,7 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   } else if (training_) {
     train_step();
   }
-  follow_gallery();
+  follow();
   timer_.start();
   faces_ = identifier_.find(frame, identity_, watched(debug_sink_));
   std::stable_sort(faces_.begin(), faces_.end(),
@@ -149,7 +149,7 @@ void PeopleSession::train_step() {
 }
 
 // Follows changes of the gallery, here or by other programs.
-void PeopleSession::follow_gallery() {
+void PeopleSession::follow() {
   if (identity_.recognizer() == nullptr || !identity_.follow()) return;
   if (people_changed()) reload_people();
   if (mode_ == PeopleMode::kRecognize && identity_.recognizer() == nullptr)
@@ -243,7 +243,7 @@ void PeopleSession::reject_name() {
   } catch (const InputError& error) {  // forgotten meanwhile
     message_ = error.what();
   }
-  follow_gallery();
+  follow();
   identity_.forget_frames();
   face.name = {};
 }

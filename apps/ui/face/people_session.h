@@ -114,7 +114,7 @@ class PeopleSession final : public Session {
   void undo();
   void train();
   void train_step();
-  void follow_gallery();
+  void follow();
   [[nodiscard]] bool people_changed() const;
   void reload_people();
   void collect();
@@ -157,7 +157,7 @@ class PeopleSession final : public Session {
   std::string message_;
   std::string source_;
   std::string source_name_;
-  std::string collector_source_;  // source_of() of the latest frame
+  std::string collected_from_;  // source_of() of the latest frame
   FrameTimer timer_;
   int flash_ = 0;  // remaining frames
   bool is_confirming_ = false;

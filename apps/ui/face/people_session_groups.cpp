@@ -123,7 +123,7 @@ bool PeopleSession::act_in_panel(const std::function<bool()>& work) {
 // A correction was made here: it takes effect now.
 void PeopleSession::on_correction() {
   grouping_.reset();  // it may group a sighting that now belongs to a person
-  follow_gallery();
+  follow();
   reload_people();
   count_unknown();
   panel_.refresh();

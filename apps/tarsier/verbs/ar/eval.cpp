@@ -165,8 +165,8 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
   int answered = 0;
   for (const planar::markers::MarkerTruth& line : truth) {
     const auto one = found.find(line.image);
-    static const planar::markers::FoundInImage kNoDetections;
-    const planar::markers::FoundInImage& result = one == found.end() ? kNoDetections : one->second;
+    static const planar::markers::FoundInImage kNothing;
+    const planar::markers::FoundInImage& result = one == found.end() ? kNothing : one->second;
     answered += static_cast<int>(result.markers.size());
     sets.try_emplace(has_images ? "images" : line.family, flags.tolerance)
         .first->second.add(line, result.markers, result.ms);

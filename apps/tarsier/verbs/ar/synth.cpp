@@ -26,7 +26,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kMinTargetSide = 80;  // px: smaller images cannot be recognised
+constexpr double kMinTarget = 80;  // px: smaller images cannot be recognised
 
 struct SynthFlags {
   std::string what;
@@ -79,7 +79,7 @@ std::vector<synth::PlanarPrint> targets_of(const SynthFlags& flags, const Contex
 ExitStatus make_images(SynthFlags& flags, Context& context) {
   const bool is_planar = flags.what == "planar";
   flags.still.size = parse_size(flags.size, 64, 8192);
-  if (is_planar && flags.min_side->count() == 0) flags.still.min_side_px = kMinTargetSide;
+  if (is_planar && flags.min_side->count() == 0) flags.still.min_side_px = kMinTarget;
   if (flags.still.least > flags.still.most)
     throw UsageError(
         fmt::format("--min-markers {}, --max-markers {}", flags.still.least, flags.still.most));

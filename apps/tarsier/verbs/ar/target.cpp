@@ -155,9 +155,9 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
     if (frame.still && !context.json && !context.quiet) {
       print_text(frame.name + ":");
       for (const planar::image_targets::TrackedTarget& seen : result.seen) {
-        const cv::Point2d center = (seen.corners[0] + seen.corners[2]) * 0.5;
+        const cv::Point2d middle = (seen.corners[0] + seen.corners[2]) * 0.5;
         print_text(
-            fmt::format(" [{} at {:.0f},{:.0f}]", result.target_of(seen).name, center.x, center.y));
+            fmt::format(" [{} at {:.0f},{:.0f}]", result.target_of(seen).name, middle.x, middle.y));
       }
       print_text(result.seen.empty() ? " none\n" : "\n");
     }

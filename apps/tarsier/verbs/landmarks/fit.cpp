@@ -19,7 +19,7 @@
 namespace tarsier::cli {
 namespace {
 
-const double kDefaultGain = face::landmarks::SteadyOptions{}.gain;
+const double kUsualGain = face::landmarks::SteadyOptions{}.gain;
 
 struct FitFlags {
   RunFlags run;
@@ -49,7 +49,7 @@ std::string row_of(const Frame& frame, const face::landmarks::TrackedFace& face)
 ExitStatus run_fit(FitFlags& flags, Context& context) {
   if (flags.smooth >= 0) {
     flags.tracker.smoothing = flags.smooth > 0;
-    if (flags.smooth > 0) flags.tracker.filter.gain = std::min(1.0, kDefaultGain / flags.smooth);
+    if (flags.smooth > 0) flags.tracker.filter.gain = std::min(1.0, kUsualGain / flags.smooth);
   }
   flags.tracker.check();
   default_to_headless(flags.run);

@@ -47,17 +47,15 @@ class Enrolment {
     // is done, so that new faces get their templates at once.
     if (auto known = model(face::people::Searching::kByIndex)) {
       coordinates_ = known->space < 0;
-      model_before_.emplace(gallery_, background(), std::move(known),
-                            face::people::Searching::kByIndex);
+      before_.emplace(gallery_, background(), std::move(known), face::people::Searching::kByIndex);
     }
-    while (!source->ended() && face_count() < flags_.max_faces && !context_.stop.stop_requested()) {
+    while (!source->ended() && taken() < flags_.max_faces && !context_.stop.stop_requested()) {
       const auto frame = source->next(std::chrono::milliseconds(200), context_.stop);
       if (frame) process(*frame);
     }
     const std::vector<std::string> others =
-        model_before_ && !crops_.empty()
-            ? face::people::other_names(*model_before_, crops_, flags_.name)
-            : std::vector<std::string>();
+        before_ && !crops_.empty() ? face::people::other_names(*before_, crops_, flags_.name)
+                                   : std::vector<std::string>();
     for (const std::string& other : others)
       log_warning("these faces look like '{}', who is enrolled already: one person, two names?",
                   other);
@@ -65,12 +63,12 @@ class Enrolment {
     if (context_.stop.stop_requested()) return ExitStatus::kInterrupted;
     // Prepares the model for the next verb. A large gallery has its templates already.
     const bool fixed = coordinates_ && !face::has_deep_templates(gallery_);
-    if (face_count() > 0 && !fixed) (void)model(face::people::Searching::kNothing);
-    return face_count() > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
+    if (taken() > 0 && !fixed) (void)model(face::people::Searching::kNothing);
+    return taken() > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
   }
 
  private:
-  [[nodiscard]] std::int64_t face_count() const { return collector_.taken(); }
+  [[nodiscard]] std::int64_t taken() const { return collector_.taken(); }
 
   [[nodiscard]] const face::recognition::Background* background() const {
     return background_ ? &*background_ : nullptr;
@@ -123,14 +121,14 @@ class Enrolment {
       nlohmann::ordered_json refused = nlohmann::ordered_json::object();
       for (const auto& [reason, count] : collector_.refused()) refused[reason] = count;
       print_json({{"name", flags_.name},
-                  {"added", face_count()},
+                  {"added", taken()},
                   {"faces", faces},
                   {"refused", std::move(refused)},
                   {"same_as", others}});
       return;
     }
-    std::string text = fmt::format("{}: {} {} added, {} in all\n", printable(flags_.name),
-                                   face_count(), face_count() == 1 ? "face" : "faces", faces);
+    std::string text = fmt::format("{}: {} {} added, {} in all\n", printable(flags_.name), taken(),
+                                   taken() == 1 ? "face" : "faces", faces);
     for (const auto& [reason, count] : collector_.refused())
       text += fmt::format("  {:>5} refused: {}\n", count, reason);
     print_text(text);
@@ -144,7 +142,7 @@ class Enrolment {
   face::people::Gallery gallery_;
   std::optional<face::recognition::Background> background_;
   face::Enroller enroller_;
-  std::optional<face::people::GalleryFollower> model_before_;
+  std::optional<face::people::GalleryFollower> before_;
   bool coordinates_ = false;  // the gallery keeps faces as coordinates
   std::vector<cv::Mat> crops_;
   std::string source_name_;

@@ -14,7 +14,7 @@ constexpr double kMaxLostTime_s =
 // A better face replaces the stored one if its quality is higher by this factor.
 constexpr double kMinQualityRatio = 1.15;
 
-face::people::SeenFace seen_face(const face::people::Face& face) {
+face::people::SeenFace seen(const face::people::Face& face) {
   return {face.crop.clone(), face.quality.score(), face::people::quality_json(face.quality).dump()};
 }
 
@@ -49,7 +49,7 @@ void SightingWriter::update(Track& track, const face::NamedFace& face, const Fra
   const bool changed = face.name.known && face.name.label != track.known_as;
   if (changed && !track.known_as.empty()) track.best = {};  // these faces may be of either person
   if (has_face && (track.best.crop.empty() || face.face.quality.score() > track.best.quality))
-    track.best = seen_face(face.face);
+    track.best = seen(face.face);
   if (changed) {
     write(track, now, face.name.label, true);
     track.known_as = face.name.label;
@@ -87,7 +87,7 @@ void SightingWriter::frame(const Frame& frame, const std::vector<face::NamedFace
     Track track;
     track.name = frame.name;
     track.confidence = face.name.confidence;
-    if (is_good(face.face)) track.best = seen_face(face.face);
+    if (is_good(face.face)) track.best = seen(face.face);
     write(track, now, face.name.label, face.name.known);
   }
   for (auto track = tracks_.begin(); track != tracks_.end();) {
