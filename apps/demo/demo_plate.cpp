@@ -15,7 +15,7 @@ namespace tarsier::cli {
 namespace {
 
 // Stores the stages of one image.
-class Kept final : public DebugSink {
+class StageRecorder final : public DebugSink {
  public:
   void image(std::string_view name, const cv::Mat& image) override {
     names.emplace_back(name);
@@ -49,7 +49,7 @@ void show_stills(Context& context, DemoPage& page, const plate::Reader& reader) 
     auto frame = source->next(std::chrono::milliseconds(1000), context.stop);
     if (!frame) continue;
     frame->still = true;
-    Kept stages;
+    StageRecorder stages;
     PlateSession session(of_frames(reader), {}, {}, images.empty() ? &stages : nullptr);
     const View view = session.on_frame(*frame, source->status());
     std::string texts;

@@ -158,7 +158,7 @@ DemoImage posed_image(DemoPage& page, const Portrait& portrait, const std::strin
 }
 
 // The shipped head, learnt from flat images, in three poses; two of them wear drawn objects.
-DemoImage learnt_head(DemoPage& page) {
+DemoImage draw_trained_head(DemoPage& page) {
   const face::head::HeadModel model = read_head("");
   const face::head::HeadSurface surface = face::head::head_surface(model, model.mean);
   auto skin = std::make_shared<render::Mesh>();
@@ -213,7 +213,7 @@ void demo_pose(Context& context, DemoPage& page) {
                   "images of a thousand faces.");
   page.command("tarsier pose solve --object cube.txt --points seen.txt --focal 760");
   page.grid({cube_with_axes(page, context)});
-  page.grid({learnt_head(page)});
+  page.grid({draw_trained_head(page)});
   // The turning head of the appearance model is inserted here.
   throw_if_stopped(context.stop);
   page.command(fmt::format("tarsier pose track {} -o posed.png", kFaceImage));

@@ -16,22 +16,22 @@ namespace tarsier {
 namespace {
 
 // Five frames, each filled with its number; a gap of silence before the fourth.
-class Counting final : public FrameSource {
+class CountingSource final : public FrameSource {
  public:
-  explicit Counting(bool gap = false) : gap_(gap) {}
+  explicit CountingSource(bool gap = false) : gap_(gap) {}
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token& stop) override {
     if (stop.stop_requested() || ended()) return std::nullopt;
-    if (gap_ && at_ == 3) {
+    if (gap_ && position_ == 3) {
       gap_ = false;
       return std::nullopt;
     }
     Frame frame;
-    frame.image = cv::Mat(4, 4, CV_8UC3, cv::Scalar::all(static_cast<double>(at_)));
-    frame.index = at_++;
+    frame.image = cv::Mat(4, 4, CV_8UC3, cv::Scalar::all(static_cast<double>(position_)));
+    frame.index = position_++;
     frame.name = "counting";
     return frame;
   }
-  [[nodiscard]] bool ended() const override { return at_ == 5; }
+  [[nodiscard]] bool ended() const override { return position_ == 5; }
   [[nodiscard]] bool is_live() const override { return false; }
   [[nodiscard]] SourceStatus status() const override { return {}; }
   [[nodiscard]] double fps() const override { return 0; }
@@ -39,13 +39,13 @@ class Counting final : public FrameSource {
   [[nodiscard]] const std::vector<std::string>& skipped() const override { return skipped_; }
 
  private:
-  std::int64_t at_ = 0;
+  std::int64_t position_ = 0;
   bool gap_;
   std::vector<std::string> skipped_;
 };
 
 // Adds what sliders say to the image; one buffer for all views, as sessions may.
-class Adding final : public Session {
+class AddingSession final : public Session {
  public:
   View on_frame(const Frame& frame, const SourceStatus&) override {
     buffer_.create(frame.image.size(), CV_8UC3);
@@ -81,7 +81,7 @@ class Adding final : public Session {
   double offset_ = 0;
 };
 
-class Collecting final : public FrameSink {
+class CollectingSink final : public FrameSink {
  public:
   std::string write(const cv::Mat& image, const Frame& source) override {
     values.push_back(image.at<cv::Vec3b>(0, 0)[0]);
@@ -101,9 +101,9 @@ std::vector<std::string> causes(const std::vector<ScriptStep>& steps) {
 using Texts = std::vector<std::string>;
 
 TEST(ScriptedHost, SendsEventsBeforeTheirFrames) {
-  Adding session;
-  Counting source;
-  Collecting sink;
+  AddingSession session;
+  CountingSource source;
+  CollectingSink sink;
   ScriptedHost host(session, source);
   host.at(2, slider_event("offset", 10));
   host.at(2, key_event('x'));
@@ -126,8 +126,8 @@ TEST(ScriptedHost, SendsEventsBeforeTheirFrames) {
 }
 
 TEST(ScriptedHost, EndsWhenTheSessionHasFinished) {
-  Adding session;
-  Counting source;
+  AddingSession session;
+  CountingSource source;
   ScriptedHost host(session, source);
   host.at(0, key_event('f'));
   host.at(3, key_event('q'));
@@ -137,8 +137,8 @@ TEST(ScriptedHost, EndsWhenTheSessionHasFinished) {
 }
 
 TEST(ScriptedHost, SilentSourceGivesIdleSteps) {
-  Adding session;
-  Counting source(true);
+  AddingSession session;
+  CountingSource source(true);
   ScriptedHost host(session, source);
   EXPECT_EQ(causes(host.run()), (Texts{"frame", "frame", "frame", "idle", "frame", "frame"}));
   EXPECT_EQ(host.steps()[3].status, "waiting");
@@ -147,8 +147,8 @@ TEST(ScriptedHost, SilentSourceGivesIdleSteps) {
 TEST(ScriptedHost, RunInPartsGivesTheSameTranscript) {
   std::string whole;
   for (const int part : {0, 1, 2}) {
-    Adding session;
-    Counting source;
+    AddingSession session;
+    CountingSource source;
     ScriptedHost host(session, source);
     host.at(1, slider_event("offset", 2.5));
     do {
@@ -164,8 +164,8 @@ TEST(ScriptedHost, RunInPartsGivesTheSameTranscript) {
 }
 
 TEST(ScriptedHost, StopsWhenRequested) {
-  Adding session;
-  Counting source;
+  AddingSession session;
+  CountingSource source;
   ScriptedHost host(session, source);
   std::stop_source stop;
   stop.request_stop();

@@ -53,7 +53,7 @@ int session_key(KeySym symbol, char character) {
   }
 }
 
-bool repeats(int key) {
+bool repeats_when_held(int key) {
   return key == key::kLeft || key == key::kRight || key == key::kUp || key == key::kDown ||
          key == key::kDelete || key == key::kBackspace || key == '+' || key == '-';
 }
@@ -254,7 +254,8 @@ std::vector<Event> X11Window::take_keys() {
       const int length = XLookupString(&event.xkey, text, sizeof text, &symbol, nullptr);
       const int code = session_key(symbol, length == 1 ? text[0] : '\0');
       const bool held = !impl_->pressed_keys.insert(event.xkey.keycode).second;
-      if (code == 0 || alt || (held && !repeats(code))) continue;  // Alt+.. is for the desktop
+      if (code == 0 || alt || (held && !repeats_when_held(code)))
+        continue;  // Alt+.. is for the desktop
       Event key;
       key.key = code;
       key.shift = (event.xkey.state & ShiftMask) != 0;

@@ -34,7 +34,7 @@ std::vector<std::string> long_names(const Command& command) {
 
 // The present name of a renamed flag ("--least-side" is now "--min-side"). Empty if `flag` is no
 // former name of a flag of this command. `flag` has no "=value".
-std::string renamed(const std::string& flag, const std::vector<std::string>& known) {
+std::string current_name(const std::string& flag, const std::vector<std::string>& known) {
   constexpr std::pair<std::string_view, std::string_view> kPrefixes[] = {
       {"--least-", "--min-"},       {"--most-", "--max-"},      {"--film", "--video"},
       {"--least", "--min-markers"}, {"--least", "--min-faces"}, {"--least", "--min-sightings"},
@@ -48,7 +48,7 @@ std::string renamed(const std::string& flag, const std::vector<std::string>& kno
 }
 
 // Replaces former names of flags by the present ones, with a warning.
-void rename_flags(Command& root, std::vector<std::string>& words) {
+void replace_former_names(Command& root, std::vector<std::string>& words) {
   const CommandMatch match = match_command(root, words);
   if (is_area(*match.command)) return;
   const std::vector<std::string> known = long_names(*match.command);
@@ -56,7 +56,7 @@ void rename_flags(Command& root, std::vector<std::string>& words) {
     if (!is_long(words[i])) continue;
     const std::string flag = words[i].substr(0, words[i].find('='));
     if (std::find(known.begin(), known.end(), flag) != known.end()) continue;
-    const std::string name = renamed(flag, known);
+    const std::string name = current_name(flag, known);
     if (name.empty()) continue;
     log_warning("{} is {} now", flag, name);
     words[i].replace(0, flag.size(), name);
@@ -126,7 +126,7 @@ void add_entry(const Command& verb, const ConfigEntry& entry, const std::string&
     inputs.insert(inputs.end(), entry.values.begin(), entry.values.end());
     return;
   }
-  const std::string former = renamed("--" + entry.name, known);
+  const std::string former = current_name("--" + entry.name, known);
   if (!former.empty()) log_warning("{}: {} is {} now", path, entry.name, former.substr(2));
   const std::string name = former.empty() ? "--" + entry.name : former;
   const std::vector<FlagInfo> flags = verb.flags();
@@ -208,7 +208,7 @@ CommandMatch match_command(Command& root, const std::vector<std::string>& words)
 bool is_area(const Command& command) { return !command.subcommands().empty(); }
 
 Command::Parsed parse_command_line(Command& root, std::vector<std::string> words) {
-  rename_flags(root, words);
+  replace_former_names(root, words);
   check_words(root, words);
   return root.parse(with_config(root, std::move(words)));
 }

@@ -131,13 +131,13 @@ TEST_F(CartoonSessionTest, OverlaysAreNotInTheOutput) {
   CartoonSessionOptions plain = options_;
   plain.overlay = false;
   CartoonSession shown(cartoonizer_, options_);
-  CartoonSession bare(cartoonizer_, plain);
+  CartoonSession without_overlay(cartoonizer_, plain);
   SourceStatus stale = live(4);
   stale.state = SourceState::kStale;
   stale.detail = "no frame for 4 s";
   shown.on_event(key_event('h'));
   const View with = shown.on_frame(moving(0), stale);
-  const View without = bare.on_frame(moving(0), stale);
+  const View without = without_overlay.on_frame(moving(0), stale);
   EXPECT_EQ(difference(with.output, without.output), 0);
   EXPECT_GT(difference(with.image, with.output), 50)
       << "status, banner and help are on the shown image";
@@ -225,7 +225,7 @@ TEST_F(CartoonSessionTest, StillsHaveNoFaceOutline) {
 }
 
 TEST_F(CartoonSessionTest, DebugViewShowsAllStages) {
-  struct Counter final : DebugSink {
+  struct StageCounter final : DebugSink {
     void image(std::string_view name, const cv::Mat& image) override {
       EXPECT_FALSE(image.empty()) << name;
       names.emplace(name);
@@ -246,7 +246,7 @@ TEST_F(CartoonSessionTest, DebugViewShowsAllStages) {
 }
 
 TEST_F(CartoonSessionTest, ComputesStagesOnlyIfWatched) {
-  struct Sometimes final : DebugSink {
+  struct SwitchedSink final : DebugSink {
     void image(std::string_view, const cv::Mat&) override { ++count; }
     [[nodiscard]] bool is_watched() const override { return watched; }
     bool watched = false;
@@ -284,13 +284,13 @@ TEST_F(CartoonSessionTest, ReportsTheSourceState) {
   view = session.on_frame(moving(0), live(0.05));
   EXPECT_EQ(view.state.at("source"), "live");
   EXPECT_GE(view.state.at("age_ms").get<double>(), 50);
-  const cv::Mat calm = view.image.clone();
+  const cv::Mat live_view = view.image.clone();
   status.state = SourceState::kStale;
   status.age_s = 3;
   view = session.on_idle(status);
   EXPECT_EQ(view.state.at("source"), "stale");
   EXPECT_EQ(view.state.at("age_ms"), 3000.0);
-  EXPECT_GT(difference(view.image(cv::Rect(0, 0, 160, 60)), calm(cv::Rect(0, 0, 160, 60))), 50)
+  EXPECT_GT(difference(view.image(cv::Rect(0, 0, 160, 60)), live_view(cv::Rect(0, 0, 160, 60))), 50)
       << "a banner";
 }
 

@@ -309,8 +309,8 @@ void AnnotateSession::pick() {
   fs::create_directories(frames_folder(), error);
   try {
     write_image(path, frame_.image);
-  } catch (const OutputError& trouble) {
-    message_ = fmt::format("Cannot save: {}", trouble.what());
+  } catch (const OutputError& save_error) {
+    message_ = fmt::format("Cannot save: {}", save_error.what());
     return;
   }
   if (edit(

@@ -32,9 +32,9 @@ cv::Mat test_image(int number, cv::Size size = {200, 150}) {
 }
 
 // A video of so many frames.
-class Video final : public FrameSource {
+class TestVideo final : public FrameSource {
  public:
-  explicit Video(int count) : count_(count) {}
+  explicit TestVideo(int count) : count_(count) {}
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
     if (at_ >= count_) return std::nullopt;
     Frame frame;
@@ -447,7 +447,7 @@ TEST_F(AnnotateSessionTest, SavesPickedVideoFramesBesideTheSet) {
   options_.images.clear();
   options_.video = true;
   AnnotateSession session(options_, {});
-  Video video(6);
+  TestVideo video(6);
   ScriptedHost host(session, video);
   host.at(2, key_event('s'));
   host.at(3, key_event('s'));
@@ -473,7 +473,7 @@ TEST_F(AnnotateSessionTest, KeepsPickedFramesAfterARestart) {
   options_.video = true;
   {
     AnnotateSession session(options_, {});
-    Video video(3);
+    TestVideo video(3);
     ScriptedHost host(session, video);
     host.at(1, key_event('s'));
     host.at(3, key_event('s'));
@@ -488,7 +488,7 @@ TEST_F(AnnotateSessionTest, StepsAPausedVideoBothWays) {
   options_.images.clear();
   options_.video = true;
   AnnotateSession session(options_, {});
-  Video video(9);
+  TestVideo video(9);
   const auto feed = [&] { return session.on_frame(*video.next({}, {}), {}); };
   for (int i = 0; i < 4; ++i) feed();
   press(session, key::kSpace);

@@ -56,7 +56,7 @@ class PatchSessionTest : public ::testing::Test {
 };
 
 // No frames: a session of events alone.
-class Nothing final : public FrameSource {
+class EmptySource final : public FrameSource {
  public:
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
     return std::nullopt;
@@ -74,7 +74,7 @@ class Nothing final : public FrameSource {
 
 TEST_F(PatchSessionTest, KeysCycleThroughAllPatches) {
   PatchSession session = this->session(false);
-  Nothing source;
+  EmptySource source;
   ScriptedHost host(session, source);
   const std::vector<int> keys{'n', 'n', key::kRight, key::kSpace, key::kLeft, 'p', 'q'};
   for (const int key : keys) host.at(0, key_event(key));

@@ -161,9 +161,9 @@ void PeoplePanel::draw_faces(cv::Mat& image, const cv::Rect& area) {
   }
 }
 
-void PeoplePanel::draw(cv::Mat& image, const cv::Rect& wanted) {
+void PeoplePanel::draw(cv::Mat& image, const cv::Rect& max_area) {
   cells_.clear();
-  const cv::Rect area = wanted & cv::Rect({0, 0}, image.size());
+  const cv::Rect area = max_area & cv::Rect({0, 0}, image.size());
   if (!is_open() || area.width < 200 || area.height < kTitle + kHint + kRow) return;
   if (list_ != List::kNone) {
     image::draw::fill_rounded(image, area, 8, kBackground, 0.88);

@@ -255,10 +255,10 @@ TEST_F(PeoplePanelTest, DrawsItselfAndHandlesClicks) {
   const cv::Rect second = panel_->row_box(1);
   ASSERT_FALSE(second.empty());
   EXPECT_TRUE(panel_->row_box(2).empty());
-  const cv::Point middle = (second.tl() + second.br()) / 2;
-  EXPECT_TRUE(panel_->click(middle));
+  const cv::Point center = (second.tl() + second.br()) / 2;
+  EXPECT_TRUE(panel_->click(center));
   EXPECT_EQ(panel_->state()["chosen"], 1);
-  EXPECT_TRUE(panel_->click(middle));  // chosen already: marked
+  EXPECT_TRUE(panel_->click(center));  // chosen already: marked
   EXPECT_EQ(panel_->state()["rows"][1]["marked"], true);
   EXPECT_FALSE(panel_->click({5, 5}));
   panel_->act("open");

@@ -281,16 +281,16 @@ void PeopleSession::click(cv::Point at) {
 void PeopleSession::add_person() {
   // At most one person without faces: use it again.
   if (pending_.empty()) {
-    std::set<std::string> taken;
-    for (const Enrolled& person : people_) taken.insert(person.name);
+    std::set<std::string> used_names;
+    for (const Enrolled& person : people_) used_names.insert(person.name);
     for (const std::string& name : options_.names) {
-      if (taken.contains(name)) continue;
+      if (used_names.contains(name)) continue;
       pending_ = name;
       break;
     }
     for (int number = 1; pending_.empty(); ++number) {
       const std::string name = fmt::format("Person {}", number);
-      if (!taken.contains(name)) pending_ = name;
+      if (!used_names.contains(name)) pending_ = name;
     }
     people_.push_back({pending_, 0, {}});
   }

@@ -416,7 +416,7 @@ TEST_F(PeopleSessionTest, ForgetsPeopleDeletedByAnotherProgram) {
 }
 
 // Clips one after the other, each with its own part of the frames.
-class Clips final : public FrameSource {
+class ClipSource final : public FrameSource {
  public:
   void add(const std::string& path, int first, int last) {
     const auto source = open_source(path);
@@ -462,7 +462,7 @@ TEST_F(PeopleSessionTest, RecognizesEnrolledPeopleAndRejectsUnknownOnes) {
   PeopleSessionOptions options;
   options.names = {"Ann", "Ben"};
   PeopleSession session(opened(gallery, &general, shipped_reader()), options);
-  Clips clips;
+  ClipSource clips;
   std::vector<std::int64_t> from;  // each clip's first frame
   const auto add = [&](const std::string& name, int first, int last) {
     from.push_back(clips.size());

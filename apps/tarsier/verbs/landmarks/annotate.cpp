@@ -50,10 +50,10 @@ class Video {
   }
 
   // Passes the next frame to the session; nullopt if it requests none or none arrived.
-  std::optional<View> feed(milliseconds patience, const std::stop_token& stop) {
+  std::optional<View> feed(milliseconds timeout, const std::stop_token& stop) {
     if (source_ == nullptr || !session_.wants_frame()) return std::nullopt;
     try {
-      if (const std::optional<Frame> frame = source_->next(patience, stop)) {
+      if (const std::optional<Frame> frame = source_->next(timeout, stop)) {
         due_ = std::max(Clock::now(), due_ + period_);
         return session_.on_frame(*frame, source_->status());
       }

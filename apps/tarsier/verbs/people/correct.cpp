@@ -29,7 +29,7 @@ struct CorrectFlags {
   bool groups = false;
 };
 
-std::vector<std::int64_t> wide(const std::vector<int>& ids) { return {ids.begin(), ids.end()}; }
+std::vector<std::int64_t> to_int64(const std::vector<int>& ids) { return {ids.begin(), ids.end()}; }
 
 std::int64_t group_of(const std::string& text) {
   std::int64_t id = 0;
@@ -86,7 +86,7 @@ ExitStatus correct_not(const CorrectFlags& flags, const Context& context) {
 ExitStatus correct_move(const CorrectFlags& flags, const Context& context) {
   Gallery gallery = open(flags);
   return report_correction(
-      gallery, gallery.move_faces(wide(flags.faces), flags.to, correction_stamp()), context);
+      gallery, gallery.move_faces(to_int64(flags.faces), flags.to, correction_stamp()), context);
 }
 
 ExitStatus correct_merge(const CorrectFlags& flags, const Context& context) {
@@ -106,7 +106,7 @@ ExitStatus correct_split(const CorrectFlags& flags, const Context& context) {
     if (flags.sightings.empty()) throw UsageError("--sighting ID is missing");
     Gallery gallery = open(flags);
     return report_correction(
-        gallery, gallery.split_group(flags.group, wide(flags.sightings), correction_stamp()),
+        gallery, gallery.split_group(flags.group, to_int64(flags.sightings), correction_stamp()),
         context);
   }
   if (flags.from.empty() || flags.to.empty())
@@ -115,7 +115,8 @@ ExitStatus correct_split(const CorrectFlags& flags, const Context& context) {
   if (flags.faces.empty()) throw UsageError("--face ID is missing");
   Gallery gallery = open(flags);
   return report_correction(
-      gallery, gallery.split_person(flags.from, wide(flags.faces), flags.to, correction_stamp()),
+      gallery,
+      gallery.split_person(flags.from, to_int64(flags.faces), flags.to, correction_stamp()),
       context);
 }
 

@@ -60,10 +60,10 @@ void add_template_flags(Command& verb, PeopleFlags& flags) {
 
 std::string background_of(const PeopleFlags& flags) {
   if (!flags.background.empty() || flags.embedding.empty()) return flags.background;
-  std::filesystem::path beside = flags.embedding;
-  beside.replace_extension(".people.json");
+  std::filesystem::path candidate = flags.embedding;
+  candidate.replace_extension(".people.json");
   std::error_code error;
-  return std::filesystem::is_regular_file(beside, error) ? beside.string() : std::string();
+  return std::filesystem::is_regular_file(candidate, error) ? candidate.string() : std::string();
 }
 
 face::SharedNetwork own_network(const PeopleFlags& flags) {

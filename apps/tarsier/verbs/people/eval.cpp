@@ -50,7 +50,7 @@ nlohmann::ordered_json json_of(const Rate& rate) {
 }
 
 // Uncertain faces count as probes. An image without a face counts as a wrong probe in every split.
-Rate identified_of_all(const EvaluationResult& result, std::size_t missed) {
+Rate overall_identification_rate(const EvaluationResult& result, std::size_t missed) {
   Rate out = result.rate(&SeedResult::identified);
   const Rate uncertain = result.rate(&SeedResult::uncertain_identified);
   if (out.draws == 0 || (missed == 0 && uncertain.draws == 0)) return out;
@@ -70,7 +70,7 @@ std::ptrdiff_t count_uncertain(const ListedFaces& listed) {
 nlohmann::ordered_json line_of(const EvaluationResult& result, const ListedFaces& listed,
                                const std::string& background) {
   const SeedResult m = result.mean();
-  const Rate identified = identified_of_all(result, listed.missed.size());
+  const Rate identified = overall_identification_rate(result, listed.missed.size());
   nlohmann::ordered_json line = {
       {"algorithm", face::recognition::name_of(result.algorithm)},
       {"training", result.options.gallery > 0 ? nlohmann::ordered_json(nullptr)
@@ -124,7 +124,7 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
   const SeedResult m = result.mean();
   std::string text =
       fmt::format("{:<8} identified          {}\n", face::recognition::name_of(result.algorithm),
-                  text_of(identified_of_all(result, missed)));
+                  text_of(overall_identification_rate(result, missed)));
   if (result.options.strangers) {
     if (m.calibrated) {
       text += fmt::format(
@@ -161,9 +161,9 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
                             m.identify_ms);
 }
 
-ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
-                         const std::optional<face::recognition::Background>& background,
-                         Context& context) {
+ExitStatus fit_same_camera_constants(const EvalFlags& flags, const ListedFaces& listed,
+                                     const std::optional<face::recognition::Background>& background,
+                                     Context& context) {
   if (!background) throw UsageError("--fit-same-camera needs a background");
   const face::recognition::SameCamera compiled = face::recognition::same_camera_of(
       background->network ? Algorithm::kDeep : Algorithm::kDefault);
@@ -282,7 +282,8 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   options.stated_rate = flags.rate;
   options.enrolled = flags.enrolled;
   if (flags.fit_same_camera)
-    return fit_constants(flags, listed, only_deep ? deep_background : background, context);
+    return fit_same_camera_constants(flags, listed, only_deep ? deep_background : background,
+                                     context);
   std::vector<EvaluationResult> results;
   if (!context.json) {
     const std::string training = options.gallery > 0

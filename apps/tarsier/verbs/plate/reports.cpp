@@ -43,7 +43,7 @@ void print_event(const plate::PlateEvent& event, const std::optional<plate::Watc
 }
 
 // When a file was last written; nullopt if it does not exist.
-std::optional<plate::Moment> modified(const std::string& path) {
+std::optional<plate::Moment> modification_time(const std::string& path) {
   struct ::stat info {};
   if (::stat(path.c_str(), &info) != 0) return std::nullopt;
   return plate::Moment(std::chrono::duration_cast<std::chrono::milliseconds>(
@@ -57,8 +57,8 @@ std::chrono::milliseconds length_of(const FrameSource& source) {
 }
 
 // The time of a source's frames, by its name in Frame::name.
-plate::SourceTimes times_of(const std::string& name, const ReportFlags& flags,
-                            const SourceOptions& options) {
+plate::SourceTimes source_times(const std::string& name, const ReportFlags& flags,
+                                const SourceOptions& options) {
   const plate::Moment now = plate::moment_now();
   std::optional<plate::Moment> start;
   if (!flags.start.empty()) start = plate::parse_moment(flags.start, now, false, "--start");
@@ -74,7 +74,7 @@ plate::SourceTimes times_of(const std::string& name, const ReportFlags& flags,
     switch (classify_source(name)) {
       case SourceKind::kVideo: {
         if (start) return {false, start};
-        const auto written = modified(name);
+        const auto written = modification_time(name);
         const auto length = length_of(*open_source(name));
         if (written && length.count() > 0) start = plate::recording_start(*written, length, now);
         return {false, start};
@@ -134,7 +134,7 @@ PlateReports::PlateReports(const ReportFlags& flags, const RunFlags& run, const 
 
 plate::FrameMoment PlateReports::moment_of(const Frame& frame) {
   const std::string source = source_of(frame);
-  if (source != source_) clock_.begin(times_of(source, flags_, run_.source), frame.time);
+  if (source != source_) clock_.begin(source_times(source, flags_, run_.source), frame.time);
   source_ = source;
   std::chrono::milliseconds step{0};
   const plate::FrameMoment seen = tick(frame, step);
@@ -196,7 +196,7 @@ void PlateReports::report_still(const Frame& frame, const std::vector<plate::Rea
     plate::PlateEvent event = plate::event_of(reading, frame.image);
     event.id = -++stills_;  // not a vehicle's id
     event.source = frame.name;
-    event.first_seen = event.last_seen = std::min(modified(frame.name).value_or(now), now);
+    event.first_seen = event.last_seen = std::min(modification_time(frame.name).value_or(now), now);
     const auto match = match_of(event);
     if (!context_.json) print_reading(frame, reading, match);
     if (on_event_ && (match || !flags_.on_watch)) on_event_.post(line_of(event, match));

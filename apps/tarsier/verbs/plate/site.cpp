@@ -38,7 +38,7 @@ bool is_live(const std::string& source, const SourceOptions& options,
 }
 
 // Splits "gate=rtsp://..". The name is empty if `text` has none, or is a file.
-NamedSource parted(const std::string& text) {
+NamedSource split_source(const std::string& text) {
   const std::size_t equals = text.find('=');
   std::error_code ignored;
   if (equals == std::string::npos || equals == 0 || std::filesystem::exists(text, ignored))
@@ -48,7 +48,7 @@ NamedSource parted(const std::string& text) {
                                   : NamedSource{"", text};
 }
 
-void refuse_what_needs_one_source(const RunFlags& run) {
+void check_single_source_flags(const RunFlags& run) {
   if (!run.output.empty() && run.output != "none")
     throw UsageError("-o: images cannot be written for several cameras; omit it");
   if (run.window || run.fullscreen || run.frames > 0 || run.every != 1 || !run.actions.empty() ||
@@ -122,7 +122,7 @@ std::vector<NamedSource> site_cameras(const RunFlags& run) {
   std::size_t live = 0;
   bool is_named = false;
   for (const std::string& input : run.inputs) {
-    NamedSource camera = parted(input);
+    NamedSource camera = split_source(input);
     const bool named = !camera.name.empty();
     const bool lives = is_live(camera.source, run.source, schemes);
     if (named && !lives)
@@ -144,7 +144,7 @@ ExitStatus read_site(const std::vector<NamedSource>& cameras, const SiteFlags& f
                      const RunFlags& run, const PlateFlags& plates,
                      const plate::TrackerOptions& tracker, const ReportFlags& reporting,
                      Context& context) {
-  refuse_what_needs_one_source(run);
+  check_single_source_flags(run);
   const std::map<std::string, plate::Region> regions = regions_of(flags.regions, cameras);
   SourceOptions source = run.source;
   source.wait = true;  // for each camera separately

@@ -32,13 +32,13 @@ struct WatchFlags {
   std::string at;
 };
 
-std::string or_any(const std::string& text) { return text.empty() ? "any" : text; }
+std::string text_or_any(const std::string& text) { return text.empty() ? "any" : text; }
 
 std::string line_of(const WatchEntry& entry) {
-  return fmt::format("{:<12} {:<20} errors {:<5g} {:<12} {:<14} {}\n", entry.plate,
-                     printable(entry.label), entry.errors,
-                     or_any(entry.direction ? std::string(name_of(*entry.direction)) : ""),
-                     or_any(plate::hours_text(entry.hours)), or_any(plate::days_text(entry.days)));
+  return fmt::format(
+      "{:<12} {:<20} errors {:<5g} {:<12} {:<14} {}\n", entry.plate, printable(entry.label),
+      entry.errors, text_or_any(entry.direction ? std::string(name_of(*entry.direction)) : ""),
+      text_or_any(plate::hours_text(entry.hours)), text_or_any(plate::days_text(entry.days)));
 }
 
 void print_entry(const WatchEntry& entry, const char* state, const Context& context) {

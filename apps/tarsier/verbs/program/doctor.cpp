@@ -460,7 +460,7 @@ std::string wrapped(const std::string& text, size_t width, const std::string& in
   return result;
 }
 
-void print_people(const std::vector<Item>& items) {
+void print_text_report(const std::vector<Item>& items) {
   const bool colour = isatty(STDOUT_FILENO) != 0 && std::getenv("NO_COLOR") == nullptr;
   const auto painted = [colour](Finding finding) {
     const char* text = finding == Finding::kOk     ? "ok     "
@@ -532,7 +532,7 @@ void print_findings(const std::vector<Item>& items, const std::vector<CameraInfo
                   {"items", std::move(list)}});
 }
 
-ExitStatus examine(const Context& context) {
+ExitStatus run_doctor(const Context& context) {
   std::vector<Item> items;
   check_program(items);
   check_machine(items);
@@ -544,7 +544,7 @@ ExitStatus examine(const Context& context) {
   if (context.json) {
     print_findings(items, cameras);
   } else {
-    print_people(items);
+    print_text_report(items);
   }
   const bool sound = std::none_of(items.begin(), items.end(),
                                   [](const Item& i) { return i.finding == Finding::kProblem; });
@@ -557,7 +557,7 @@ void add_doctor(Command& app, Context& context) {
   Command& verb =
       app.add_subcommand("doctor", "check what this machine has and lacks, with advice");
   add_common_flags(verb, context);
-  set_run(verb, context, [&context] { return examine(context); });
+  set_run(verb, context, [&context] { return run_doctor(context); });
 }
 
 }  // namespace tarsier::cli
