@@ -19,7 +19,7 @@ View FrameSession::on_frame(const Frame& frame, const SourceStatus& source) {
   timer_.start();
   process(frame);
   timer_.stop();
-  processed();
+  on_processed();
   return view(update_drawing());
 }
 
@@ -44,7 +44,7 @@ View FrameSession::on_event(const Event& event) {
 
 std::vector<Action> FrameSession::actions() const { return controls_.append_to(own_actions()); }
 
-View FrameSession::redrawn() { return view(update_drawing()); }
+View FrameSession::redraw() { return view(update_drawing()); }
 
 void FrameSession::set_source(const SourceStatus& source) {
   source_ = source;
@@ -73,7 +73,7 @@ View FrameSession::view(bool fresh) {
     return result;
   }
   if (output_.empty()) {
-    if (!draw_waiting(shown_)) return result;
+    if (!draw_placeholder(shown_)) return result;
   } else {
     output_.copyTo(shown_);
     draw_shown(shown_);

@@ -42,7 +42,7 @@ class FrameSession : public Session {
   // earlier frames is no longer valid.
   virtual void restart() {}
   // Called between process() and draw(); not measured.
-  virtual void processed() {}
+  virtual void on_processed() {}
   // Draws on a copy of the frame (CV_8UC3). It may replace the copy by an image of another size.
   virtual void draw(cv::Mat& image) = 0;
   // An object with fixed key names; "paused" is added to it.
@@ -73,7 +73,7 @@ class FrameSession : public Session {
   // Draws on a copy of the drawing that is shown but does not go to the sink.
   virtual void draw_shown(cv::Mat& image) { static_cast<void>(image); }
   // Draws what is shown before the first drawing exists; false: nothing is shown.
-  virtual bool draw_waiting(cv::Mat& image) {
+  virtual bool draw_placeholder(cv::Mat& image) {
     static_cast<void>(image);
     return false;
   }
@@ -88,7 +88,7 @@ class FrameSession : public Session {
   [[nodiscard]] virtual std::vector<image::draw::HelpLine> help_lines() const { return {}; }
 
   // Redraws the latest frame, also for the sink. Before the first frame nothing is drawn.
-  View redrawn();
+  View redraw();
   // Drops the drawing until the next one is made.
   void drop_drawing() { output_.release(); }
   // The next view asks the host to switch full screen.

@@ -121,7 +121,7 @@ TEST(FrameSession, DrawsOnACopyAndTheBarOnlyOnTheShownImage) {
 class SideBySideSession final : public FrameSession {
  public:
   SideBySideSession() : FrameSession("Beside", 'p') {}
-  View finish() { return redrawn(); }
+  View finish() { return redraw(); }
   std::string note_text = "";
 
  private:

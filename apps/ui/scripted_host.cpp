@@ -45,12 +45,12 @@ std::string describe(const Event& event) {
   return "unknown";
 }
 
-void ScriptedHost::at(std::int64_t frame, Event event) {
+void ScriptedHost::schedule(std::int64_t frame, Event event) {
   TARSIER_REQUIRE(frame >= 0, "frame {}", frame);
   events_[frame].push_back(std::move(event));
 }
 
-void ScriptedHost::keep(std::int64_t frame) { kept_frames_.insert(frame); }
+void ScriptedHost::keep_images(std::int64_t frame) { kept_frames_.insert(frame); }
 
 bool ScriptedHost::record(View view, std::string cause, const Frame* frame) {
   ScriptStep step;

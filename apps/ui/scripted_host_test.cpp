@@ -105,11 +105,11 @@ TEST(ScriptedHost, SendsEventsBeforeTheirFrames) {
   CountingSource source;
   CollectingSink sink;
   ScriptedHost host(session, source);
-  host.at(2, slider_event("offset", 10));
-  host.at(2, key_event('x'));
-  host.at(99, action_event("late"));
-  host.keep(1);
-  host.keep(4);
+  host.schedule(2, slider_event("offset", 10));
+  host.schedule(2, key_event('x'));
+  host.schedule(99, action_event("late"));
+  host.keep_images(1);
+  host.keep_images(4);
   host.write_to(&sink);
   const std::vector<ScriptStep>& steps = host.run();
   EXPECT_EQ(causes(steps), (Texts{"frame", "frame", "slider offset 10", "key x", "frame", "frame",
@@ -129,8 +129,8 @@ TEST(ScriptedHost, EndsWhenTheSessionHasFinished) {
   AddingSession session;
   CountingSource source;
   ScriptedHost host(session, source);
-  host.at(0, key_event('f'));
-  host.at(3, key_event('q'));
+  host.schedule(0, key_event('f'));
+  host.schedule(3, key_event('q'));
   EXPECT_EQ(causes(host.run()), (Texts{"key f", "frame", "frame", "frame", "key q"}));
   EXPECT_TRUE(host.steps().front().toggle_fullscreen);
   EXPECT_TRUE(host.steps().back().finished);
@@ -150,7 +150,7 @@ TEST(ScriptedHost, RunInPartsGivesTheSameTranscript) {
     AddingSession session;
     CountingSource source;
     ScriptedHost host(session, source);
-    host.at(1, slider_event("offset", 2.5));
+    host.schedule(1, slider_event("offset", 2.5));
     do {
       (void)host.run(part);
     } while (!source.ended());
@@ -170,7 +170,7 @@ TEST(ScriptedHost, StopsWhenRequested) {
   std::stop_source stop;
   stop.request_stop();
   EXPECT_TRUE(host.run(0, stop.get_token()).empty());
-  EXPECT_THROW(host.at(-1, key_event('x')), std::invalid_argument);
+  EXPECT_THROW(host.schedule(-1, key_event('x')), std::invalid_argument);
 }
 
 }  // namespace

@@ -15,7 +15,7 @@ void print_event_line(const Event& event, const View& view) {
 }
 
 ExitStatus browse_session(Session& session, const std::string& title, bool fullscreen,
-                          Context& context, const Between& between) {
+                          Context& context, const BetweenEvents& between) {
   session.draw_status(!window::shows_status());
   const std::unique_ptr<window::Window> window =
       window::open_window({title, fullscreen, session.sliders(), session.actions()});

@@ -116,7 +116,7 @@ void CartoonSession::draw_cartoon() {
   debug_view_ = debug_ ? stages_.tiled(frame().size()) : cv::Mat();
 }
 
-void CartoonSession::processed() {
+void CartoonSession::on_processed() {
   age_ms_ = source().age_s > 0 ? source().age_s * 1000 + result_.ms : 0;
   if (std::abs(latest().time - message_since_) > kMessageSeconds) message_.clear();
 }
@@ -143,7 +143,7 @@ void CartoonSession::draw_shown(cv::Mat& image) {
   if (draws_status()) draw_banner(image);
 }
 
-bool CartoonSession::draw_waiting(cv::Mat& image) {
+bool CartoonSession::draw_placeholder(cv::Mat& image) {
   image.create(480, 640, CV_8UC3);
   image.setTo(cv::Scalar(48, 40, 32));
   if (draws_status()) draw_banner(image);

@@ -67,12 +67,12 @@ class CartoonSession final : public FrameSession {
   };
 
   void process(const Frame& frame) override;
-  void processed() override;
+  void on_processed() override;
   bool idle() override;
   void begin_drawing(cv::Mat& image) override { image = result_.image; }
   void draw(cv::Mat& image) override { static_cast<void>(image); }
   void draw_shown(cv::Mat& image) override;
-  bool draw_waiting(cv::Mat& image) override;
+  bool draw_placeholder(cv::Mat& image) override;
   [[nodiscard]] bool is_shown() const override { return options_.overlay; }
   [[nodiscard]] nlohmann::json state() const override;
   [[nodiscard]] std::string status() const override;

@@ -23,7 +23,7 @@ void AnnotateOptions::check() const {
   TARSIER_REQUIRE(!set_path.empty(), "the set's file has no name");
 }
 
-AnnotateSession::AnnotateSession(const AnnotateOptions& options, Propose propose)
+AnnotateSession::AnnotateSession(const AnnotateOptions& options, PointProposer propose)
     : options_(options), propose_(std::move(propose)), journal_(options.set_path + ".journal") {
   options_.check();
   is_proposing_ = propose_ != nullptr;

@@ -37,7 +37,7 @@ struct AnnotateOptions {
 };
 
 // Proposes the points of an image (2 x n, px, all finite), or nullopt; see face::Annotator.
-using Propose =
+using PointProposer =
     std::function<std::optional<Eigen::Matrix2Xd>(const face::ProposalRequest& request)>;
 
 // Annotates points on images. The steps: pick frames (video); click the points on the first image;
@@ -54,7 +54,7 @@ class AnnotateSession final : public Session {
  public:
   // `propose` may be empty. Throws InputError if the set or the journal is corrupt or another
   // program has the set open, OutputError if the set's folder is not writable.
-  AnnotateSession(const AnnotateOptions& options, Propose propose);
+  AnnotateSession(const AnnotateOptions& options, PointProposer propose);
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;
   View on_idle(const SourceStatus& source) override;
@@ -130,7 +130,7 @@ class AnnotateSession final : public Session {
   View view();
 
   AnnotateOptions options_;
-  Propose propose_;
+  PointProposer propose_;
   AnnotateState state_;
   AnnotateJournal journal_;
   std::vector<AnnotateState> undone_;

@@ -343,7 +343,7 @@ TEST_F(AnnotateSessionTest, TreatsADoubleClickAsTwoClicks) {
 TEST_F(AnnotateSessionTest, ProposesPointsFromTheFinishedImages) {
   int calls = 0;
   face::ProposalRequest last;
-  const Propose propose =
+  const PointProposer propose =
       [&](const face::ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
     ++calls;
     last = request;
@@ -375,7 +375,7 @@ TEST_F(AnnotateSessionTest, ProposesPointsFromTheFinishedImages) {
 }
 
 TEST_F(AnnotateSessionTest, ReplacesUntouchedProposalsOnly) {
-  const Propose propose =
+  const PointProposer propose =
       [](const face::ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
     Eigen::Matrix2Xd points = request.so_far.samples[0].points;
     points.array() += static_cast<double>(request.so_far.samples.size());
@@ -415,7 +415,8 @@ TEST_F(AnnotateSessionTest, ZoomToPointsShowsAllPoints) {
 
 TEST_F(AnnotateSessionTest, IgnoresInvalidProposalsAndErrors) {
   int kind = 0;
-  const Propose propose = [&](const face::ProposalRequest&) -> std::optional<Eigen::Matrix2Xd> {
+  const PointProposer propose =
+      [&](const face::ProposalRequest&) -> std::optional<Eigen::Matrix2Xd> {
     if (kind == 0) return Eigen::Matrix2Xd::Zero(2, 99);
     if (kind == 1) return Eigen::Matrix2Xd::Constant(2, 4, std::nan(""));
     throw InputError("x", "gone");
@@ -449,10 +450,10 @@ TEST_F(AnnotateSessionTest, SavesPickedVideoFramesBesideTheSet) {
   AnnotateSession session(options_, {});
   TestVideo video(6);
   ScriptedHost host(session, video);
-  host.at(2, key_event('s'));
-  host.at(3, key_event('s'));
-  host.at(3, key_event('s'));  // again
-  host.at(5, action_event("pick"));
+  host.schedule(2, key_event('s'));
+  host.schedule(3, key_event('s'));
+  host.schedule(3, key_event('s'));  // again
+  host.schedule(5, action_event("pick"));
   const auto& steps = host.run();
   EXPECT_TRUE(session.wants_frame());
   session.video_ended();
@@ -475,8 +476,8 @@ TEST_F(AnnotateSessionTest, KeepsPickedFramesAfterARestart) {
     AnnotateSession session(options_, {});
     TestVideo video(3);
     ScriptedHost host(session, video);
-    host.at(1, key_event('s'));
-    host.at(3, key_event('s'));
+    host.schedule(1, key_event('s'));
+    host.schedule(3, key_event('s'));
     host.run();
   }
   AnnotateSession session(options_, {});

@@ -78,7 +78,7 @@ void AppearanceSession::draw_object(const Eigen::Matrix2Xd& points, Overlay over
   }
 }
 
-void AppearanceSession::processed() {
+void AppearanceSession::on_processed() {
   if (watched(debug_) == nullptr) return;
   for (const Overlay overlay : {Overlay::kMesh, Overlay::kFace}) {
     if (overlay == Overlay::kFace && !synthesis_) continue;

@@ -34,7 +34,7 @@ class AppearanceSession final : public FrameSession {
 
  private:
   void process(const Frame& frame) override;
-  void processed() override;
+  void on_processed() override;
   void draw(cv::Mat& image) override;
   void draw_object(const Eigen::Matrix2Xd& points, Overlay overlay, cv::Mat& image) const;
   [[nodiscard]] nlohmann::json state() const override;

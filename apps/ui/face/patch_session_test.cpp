@@ -77,7 +77,7 @@ TEST_F(PatchSessionTest, KeysCycleThroughAllPatches) {
   EmptySource source;
   ScriptedHost host(session, source);
   const std::vector<int> keys{'n', 'n', key::kRight, key::kSpace, key::kLeft, 'p', 'q'};
-  for (const int key : keys) host.at(0, key_event(key));
+  for (const int key : keys) host.schedule(0, key_event(key));
   std::vector<int> patches;
   for (const ScriptStep& step : host.run()) patches.push_back(step.state.at("patch"));
   EXPECT_EQ(patches, (std::vector<int>{1, 2, 3, 0, 3, 2, 2}));

@@ -475,10 +475,10 @@ TEST_F(PeopleSessionTest, RecognizesEnrolledPeopleAndRejectsUnknownOnes) {
   add("lrwp9a.mpg", 0, 45);
   add("lbbc2a.mpg", 0, 45);
   ScriptedHost host(session, clips);
-  host.at(from[0] + 1, click(session.button_box("add")));
-  host.at(from[1], action_event("add"));
-  host.at(from[2], action_event("train"));
-  for (const std::int64_t frame : from) host.keep(frame + 30);
+  host.schedule(from[0] + 1, click(session.button_box("add")));
+  host.schedule(from[1], action_event("add"));
+  host.schedule(from[2], action_event("train"));
+  for (const std::int64_t frame : from) host.keep_images(frame + 30);
   const auto& steps = host.run();
   EXPECT_EQ(gallery.people().size(), 2U);
   EXPECT_GE(gallery.face_count(), 4);

@@ -42,9 +42,9 @@ TEST(CalibrateSessionTest, AcceptsViewsAndCalibratesByItself) {
   CalibrateSession session(calibrator());
   const auto source = video(124);
   ScriptedHost host(session, *source);
-  host.at(114, action_event("straight"));
-  host.at(119, key_event('h'));
-  for (const int frame : {2, 12, 20, 100, 113, 116, 120}) host.keep(frame);
+  host.schedule(114, action_event("straight"));
+  host.schedule(119, key_event('h'));
+  for (const int frame : {2, 12, 20, 100, 113, 116, 120}) host.keep_images(frame);
   const auto& steps = host.run();
   for (const ScriptStep& step : steps)
     if (!step.image.empty()) keep_image(step.image, std::to_string(step.frame).c_str());
@@ -93,8 +93,8 @@ TEST(CalibrateSessionTest, ReportsMissingViewsAndDropsViews) {
   CalibrateSession session(calibrator());
   const auto source = video(60);
   ScriptedHost host(session, *source);
-  host.at(40, key_event('z'));
-  host.at(45, key_event('x'));
+  host.schedule(40, key_event('z'));
+  host.schedule(45, key_event('x'));
   const auto& steps = host.run();
   std::size_t before = 0;
   for (const ScriptStep& step : steps) {
@@ -119,11 +119,11 @@ TEST(CalibrateSessionTest, AcceptsManualViewsAndReportsTheRefusal) {
   CalibrateSession session(calibrator());
   const auto source = video(9);
   ScriptedHost host(session, *source);
-  host.at(1, key_event(key::kSpace));  // no board yet
-  for (const int frame : {7, 8, 9}) host.at(frame, key_event(key::kSpace));
-  host.at(9, action_event("calibrate"));
-  host.at(9, action_event("straight"));
-  host.at(9, key_event('q'));
+  host.schedule(1, key_event(key::kSpace));  // no board yet
+  for (const int frame : {7, 8, 9}) host.schedule(frame, key_event(key::kSpace));
+  host.schedule(9, action_event("calibrate"));
+  host.schedule(9, action_event("straight"));
+  host.schedule(9, key_event('q'));
   const auto& steps = host.run();
   EXPECT_EQ(steps[1].cause, "key 32");
   EXPECT_EQ(steps[1].state["views"], 0);

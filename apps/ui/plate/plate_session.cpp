@@ -59,7 +59,7 @@ void PlateSession::process(const Frame& frame) {
   result_ = reader_.process(frame, state_, seen, watched(debug_));
 }
 
-void PlateSession::processed() { report(result_.events); }
+void PlateSession::on_processed() { report(result_.events); }
 
 bool PlateSession::act(const std::string& name) {
   if (name != "characters") return false;

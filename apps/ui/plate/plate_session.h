@@ -44,7 +44,7 @@ class PlateSession final : public FrameSession {
  private:
   void report(const std::vector<plate::PlateEvent>& events);
   void process(const Frame& frame) override;
-  void processed() override;
+  void on_processed() override;
   void draw(cv::Mat& image) override;
   [[nodiscard]] nlohmann::json state() const override;
   [[nodiscard]] std::string status() const override;

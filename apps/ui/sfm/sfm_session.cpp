@@ -110,7 +110,7 @@ std::vector<image::draw::HelpLine> SfmSession::help_lines() const {
 
 View SfmSession::finish() {
   update(online_.finish(stop_));
-  return redrawn();
+  return redraw();
 }
 
 void SfmSession::update(sfm::OnlineResult result) {

@@ -101,8 +101,8 @@ TEST_F(SfmSessionTest, GrowsAndDrawsTheModelDuringTheVideo) {
   const cv::Mat untouched = (*video_)[23].clone();
   WalkSource walk(*video_);
   ScriptedHost host(session, walk);
-  host.keep(0);
-  host.keep(23);
+  host.keep_images(0);
+  host.keep_images(23);
   const auto& steps = host.run();
   ASSERT_EQ(steps.size(), 24U);
   EXPECT_EQ(steps.front().state["key_frames"], 1);
@@ -144,7 +144,7 @@ TEST_F(SfmSessionTest, IsDeterministic) {
     SfmSession session = make();
     WalkSource walk({video_->begin(), video_->begin() + 12});
     ScriptedHost host(session, walk);
-    host.at(6, key_event('r'));
+    host.schedule(6, key_event('r'));
     for (const ScriptStep& step : host.run()) transcript += step.state.dump() + "\n";
   }
   EXPECT_EQ(transcripts[0], transcripts[1]);
@@ -198,7 +198,7 @@ TEST_F(SfmSessionTest, PassesStagesToAWatchingSink) {
   SfmSession plain = make();
   WalkSource walk({video_->begin(), video_->begin() + 12});
   ScriptedHost host(plain, walk);
-  host.keep(11);
+  host.keep_images(11);
   const cv::Mat expected = host.run().back().output.clone();
 
   testing::WatchedStages stages;

@@ -205,7 +205,7 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
   if (!is_headless) window::prepare();  // before a journal is opened
 
   face::Annotator annotator({.seed = context.seed});
-  Propose propose;
+  PointProposer propose;
   if (flags.proposals == "on")
     propose = [&](const face::ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
       std::optional<face::Proposal> proposal = annotator.propose(request);
