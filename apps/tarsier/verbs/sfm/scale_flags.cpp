@@ -11,7 +11,7 @@
 namespace tarsier::cli {
 namespace {
 
-sfm::FindMarkers marker_finder_of(const std::string& family) {
+sfm::FindMarkers finder_of(const std::string& family) {
   const planar::markers::Dictionary& dictionary = planar::markers::find_dictionary(family);
   return [&dictionary](const cv::Mat& gray) {
     planar::markers::DetectWorkspace workspace;
@@ -45,7 +45,7 @@ void add_scale_flags(Command& verb, ScaleFlags& flags, std::string_view group) {
 void set_scale(const ScaleFlags& flags, sfm::PlacementOptions& options) {
   if (!flags.marker_size.empty()) {
     options.markers = sfm::KnownMarkers{parse_length(flags.marker_size, "--marker-size"),
-                                        marker_finder_of(flags.marker_family)};
+                                        finder_of(flags.marker_family)};
     options.markers->check();
   }
   if (flags.distance_between.empty()) {
