@@ -24,15 +24,15 @@ namespace {
 
 std::vector<OptionsCase> all_options() {
   std::vector<OptionsCase> all;
-  for (const auto& some : {face_options(), plate_options(), scene_options()}) {
-    all.insert(all.end(), some.begin(), some.end());
+  for (const auto& group : {face_options(), plate_options(), scene_options()}) {
+    all.insert(all.end(), group.begin(), group.end());
   }
   return all;
 }
 
 // Calls `change` with a value just outside of each end of the range, where the type has one.
 template <class T, class Change>
-void for_each_outside(const Range& range, const Change& change) {
+void for_each_value_out_of_range(const Range& range, const Change& change) {
   using Limits = std::numeric_limits<T>;
   const auto below = [](double end) {
     const T value = static_cast<T>(end);
@@ -56,7 +56,7 @@ void for_each_outside(const Range& range, const Change& change) {
 
 // The same of a field, which has its value again afterwards.
 template <class Change>
-void for_each_outside(const OptionField& field, const Change& change) {
+void for_each_value_out_of_range(const OptionField& field, const Change& change) {
   std::visit(
       [&](auto* value) {
         using T = std::remove_pointer_t<decltype(value)>;
@@ -72,9 +72,9 @@ void for_each_outside(const OptionField& field, const Change& change) {
         };
         if constexpr (std::is_same_v<T, bool> || std::is_same_v<T, std::string>) {
         } else if constexpr (requires { typename T::value_type; }) {
-          for_each_outside<typename T::value_type>(field.range, set);
+          for_each_value_out_of_range<typename T::value_type>(field.range, set);
         } else {
-          for_each_outside<T>(field.range, set);
+          for_each_value_out_of_range<T>(field.range, set);
         }
       },
       field.value);
@@ -105,7 +105,7 @@ TEST(Options, RefusesValuesOutOfRangeByName) {
   for (const OptionsCase& options : all_options()) {
     for (const OptionField& field : options.fields) {
       if (field.range.text().empty()) continue;
-      for_each_outside(field, [&] {
+      for_each_value_out_of_range(field, [&] {
         ++refused;
         const std::string expected = field.range.text();
         const std::string problem = problem_of(options.check);
