@@ -14,8 +14,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr double kInterruptedFinish_s =
-    1;  // s for pending events, instead of PublisherOptions::finish_s
+// For pending events, instead of PublisherOptions::finish_s.
+constexpr double kInterruptedFinish_s = 1;
 
 }  // namespace
 

@@ -26,8 +26,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::uint64_t kHeldOutSeedOffset =
-    1000;  // offset of the seed to that of the training typefaces
+// Offset of the seed to that of the training typefaces.
+constexpr std::uint64_t kHeldOutSeedOffset = 1000;
 
 struct TrainFlags {
   std::vector<std::string> inputs;
