@@ -75,10 +75,10 @@ TARSIER_FUZZ_TARGET(window_lines, kBytes) {
   Pieces pieces(input, 64);
   for (Bytes piece = pieces.next(); !piece.empty(); piece = pieces.next()) {
     count += parts.feed(text_of(piece)).size();
-    expect(parts.held_bytes() <= 2 * WindowLines::kLongestLine, "more than a line is held");
+    expect(parts.held_bytes() <= 2 * WindowLines::kMaxLineLength, "more than a line is held");
   }
   expect(count == at_once.size(), "pieces of other sizes give other lines");
-  expect(parts.refused() == whole.refused() && parts.trouble() == whole.trouble(),
+  expect(parts.refused() == whole.refused() && parts.last_error() == whole.last_error(),
          "pieces of other sizes are refused otherwise");
 }
 

@@ -67,7 +67,7 @@ tests=$PWD/tests/e2e
 from pipe_window import Session
 window = Session(["people", "live", "door/images/0018.png", "--gallery", "seen.db", "--window", "--json"])
 window.until("state", lambda: window.state)
-window.say(action="groups")
+window.send(action="groups")
 window.until("list", lambda: window.state["state"]["panel"])
 window.next_image("people-window.jpg")
 window.close()

@@ -113,7 +113,7 @@ void grab(cv::VideoCapture& capture, Slot& slot) {
   slot.wake.notify_one();
 }
 
-[[noreturn]] void pass_frames_on(cv::VideoCapture& capture, const char* when_it_ends) {
+[[noreturn]] void forward_frames(cv::VideoCapture& capture, const char* end_message) {
   Slot slot;
   std::thread(grab, std::ref(capture), std::ref(slot)).detach();
   while (true) {
@@ -134,10 +134,10 @@ void grab(cv::VideoCapture& capture, Slot& slot) {
     write_all(&record, sizeof record);
     write_all(image.data, static_cast<std::size_t>(record.length));
   }
-  fail(when_it_ends);
+  fail(end_message);
 }
 
-std::string four_characters(double value) {
+std::string fourcc_text(double value) {
   const int code = std::isfinite(value) ? static_cast<int>(value) : 0;
   std::string text;
   for (int shift = 0; shift < 32; shift += 8) {
@@ -147,12 +147,12 @@ std::string four_characters(double value) {
   return text;
 }
 
-void tell_what_was_opened(const cv::VideoCapture& capture) {
+void write_stream_info(const cv::VideoCapture& capture) {
   double fps = capture.get(cv::CAP_PROP_FPS);
   if (!std::isfinite(fps) || fps <= 0 || fps > 1000) fps = 0;
   std::string text = fmt::format("{:.0f}x{:.0f} {}", capture.get(cv::CAP_PROP_FRAME_WIDTH),
                                  capture.get(cv::CAP_PROP_FRAME_HEIGHT),
-                                 four_characters(capture.get(cv::CAP_PROP_FOURCC)));
+                                 fourcc_text(capture.get(cv::CAP_PROP_FOURCC)));
   if (fps > 0) text += fmt::format(" {:.4g} fps", fps);
   write_text(CaptureRecord::Kind::kInfo, text, fps);
 }
@@ -187,12 +187,12 @@ double number_or_zero(std::string_view text) {
   if (width > 0) capture.set(cv::CAP_PROP_FRAME_WIDTH, width);
   if (height > 0) capture.set(cv::CAP_PROP_FRAME_HEIGHT, height);
   if (fps > 0) capture.set(cv::CAP_PROP_FPS, fps);
-  tell_what_was_opened(capture);
-  pass_frames_on(capture, "the camera stopped giving frames");
+  write_stream_info(capture);
+  forward_frames(capture, "the camera stopped giving frames");
 }
 
 // The address and options for FFmpeg.
-struct Opening {
+struct FfmpegInput {
   std::string url;
   std::string options;  // "name;value|name;value"
   std::unique_ptr<tarsier::TlsTunnel> tunnel;
@@ -201,18 +201,18 @@ struct Opening {
 // FFmpeg does not verify rtsps at all and follows redirects from https to http (see TlsTunnel). So
 // we make verified connections ourselves, and FFmpeg connects only to this machine. Formats that
 // load parts from elsewhere (HLS, DASH) are then excluded.
-Opening opening_of(const std::string& url, const tarsier::StreamSecurity& security) {
-  constexpr std::string_view kSelfContained =
+FfmpegInput make_ffmpeg_input(const std::string& url, const tarsier::StreamSecurity& security) {
+  constexpr std::string_view kFormatWhitelist =
       "format_whitelist;mpjpeg,mjpeg,mpegts,mpeg,mpegvideo,h264,hevc,m4v,flv,live_flv,asf,avi,nut,"
       "ogg,matroska,webm,mov,mp4,m4a,3gp,3g2,mj2|";
-  Opening opening;
+  FfmpegInput opening;
   opening.url = url;
   const std::string scheme = tarsier::lower_case(url.substr(0, url.find(':')));
   const bool is_rtsp = scheme == "rtsp" || scheme == "rtsps";
-  const bool is_tunnelled = scheme == "rtsps" || (scheme == "https" && !security.insecure);
-  if (is_tunnelled) {
-    const std::uint16_t own_port = is_rtsp ? 322 : 443;
-    const tarsier::HttpUrl parts = tarsier::parse_url(url, scheme, own_port);
+  const bool uses_tunnel = scheme == "rtsps" || (scheme == "https" && !security.insecure);
+  if (uses_tunnel) {
+    const std::uint16_t default_port = is_rtsp ? 322 : 443;
+    const tarsier::HttpUrl parts = tarsier::parse_url(url, scheme, default_port);
     // The host becomes a line of a request and a part of the options.
     if (parts.host.find_first_not_of(
             "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
@@ -223,20 +223,20 @@ Opening opening_of(const std::string& url, const tarsier::StreamSecurity& securi
     const std::size_t begin = scheme.size() + 3;
     const std::size_t end = std::min(url.find_first_of("/?#", begin), url.size());
     const std::size_t at = url.substr(0, end).rfind('@');
-    const std::string who =
+    const std::string credentials =
         at != std::string::npos && at >= begin ? url.substr(begin, at + 1 - begin) : "";
-    opening.url = fmt::format("{}://{}127.0.0.1:{}{}", is_rtsp ? "rtsp" : "http", who,
+    opening.url = fmt::format("{}://{}127.0.0.1:{}{}", is_rtsp ? "rtsp" : "http", credentials,
                               opening.tunnel->port(), parts.target);
     ::unsetenv("http_proxy");
     if (!is_rtsp) {
       opening.options =
-          fmt::format("{}headers;Host: {}\r\n|", kSelfContained, parts.host_header(own_port));
+          fmt::format("{}headers;Host: {}\r\n|", kFormatWhitelist, parts.host_header(default_port));
     }
   }
   // No local files, whatever a playlist says; no buffering for smooth playback.
-  opening.options += is_rtsp        ? "rtsp_transport;tcp|protocol_whitelist;rtsp,rtp,srtp,udp,tcp|"
-                     : is_tunnelled ? "protocol_whitelist;http,tcp|"
-                                    : "protocol_whitelist;https,tls,http,httpproxy,tcp,crypto|";
+  opening.options += is_rtsp       ? "rtsp_transport;tcp|protocol_whitelist;rtsp,rtp,srtp,udp,tcp|"
+                     : uses_tunnel ? "protocol_whitelist;http,tcp|"
+                                   : "protocol_whitelist;https,tls,http,httpproxy,tcp,crypto|";
   opening.options += "fflags;nobuffer|flags;low_delay";
   return opening;
 }
@@ -244,7 +244,8 @@ Opening opening_of(const std::string& url, const tarsier::StreamSecurity& securi
 [[noreturn]] void run_ffmpeg(const tarsier::StreamSecurity& security) {
   const char* url = std::getenv("TARSIER_CAPTURE_URL");
   if (url == nullptr) fail("no address was given");
-  static const Opening opening = opening_of(url, security);  // static: outlives the grabbing thread
+  static const FfmpegInput opening =
+      make_ffmpeg_input(url, security);  // static: outlives the grabbing thread
   ::setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", opening.options.c_str(), 1);
   static cv::VideoCapture capture;
   const std::vector<int> options = {cv::CAP_PROP_OPEN_TIMEOUT_MSEC, 8000,
@@ -256,8 +257,8 @@ Opening opening_of(const std::string& url, const tarsier::StreamSecurity& securi
              ? "cannot be opened as a video stream (address, name and password, network?)"
              : error_message);
   }
-  tell_what_was_opened(capture);
-  pass_frames_on(capture, "the stream ended");
+  write_stream_info(capture);
+  forward_frames(capture, "the stream ended");
 }
 
 }  // namespace

@@ -20,14 +20,14 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr int kFrames = 36;  // of the turning head
+constexpr int kFrameCount = 36;  // of the turning head
 
 cv::Mat cropped(const cv::Mat& image, const Eigen::Matrix2Xd& points) {
   const Eigen::Vector2d low = points.rowwise().minCoeff();
   const Eigen::Vector2d high = points.rowwise().maxCoeff();
   const double size = 1.7 * (high - low).maxCoeff();
-  const Eigen::Vector2d middle = (low + high) / 2;
-  const cv::Rect box = cv::Rect(cvRound(middle.x() - size / 2), cvRound(middle.y() - size / 2),
+  const Eigen::Vector2d center = (low + high) / 2;
+  const cv::Rect box = cv::Rect(cvRound(center.x() - size / 2), cvRound(center.y() - size / 2),
                                 cvRound(size), cvRound(size)) &
                        cv::Rect(0, 0, image.cols, image.rows);
   cv::Mat large;
@@ -43,29 +43,31 @@ std::vector<DemoImage> fit_sequence(DemoPage& page, const face::appearance::Appe
   const synth::FaceTruth truth =
       faces.draw(image, faces.person(11), camera,
                  {face::head::rotation_of_angles({12, -4, 6}), {0, 10, 620}}, {}, 11);
-  face::shape::Similarity2d off = face::shape::fit_similarity(model.shape.mean, truth.points);
-  off.tx += 22;
-  off.ty -= 18;
+  face::shape::Similarity2d start_transform =
+      face::shape::fit_similarity(model.shape.mean, truth.points);
+  start_transform.tx += 22;
+  start_transform.ty -= 18;
   face::appearance::FitOptions options;
   options.method = face::appearance::Method::kAlternating;
   options.trace = true;
   const face::appearance::Fitter fitter(model, options);
   face::appearance::FitWorkspace workspace;
-  const face::appearance::FitResult fit = fitter.fit(image, off(model.shape.mean), workspace);
+  const face::appearance::FitResult fit =
+      fitter.fit(image, start_transform(model.shape.mean), workspace);
   std::vector<DemoImage> strip;
   const std::size_t last = fit.trace.size() - 1;
   const double eyes = (truth.points.col(36) - truth.points.col(45)).norm();
   for (const std::size_t step :
        {std::size_t{0}, std::size_t{1}, std::size_t{2}, std::min<std::size_t>(4, last), last}) {
-    cv::Mat drawn = image.clone();
+    cv::Mat overlay = image.clone();
     const Eigen::Matrix2Xd& points = fit.trace[step].points;
-    face::appearance::draw_mesh(model, points, drawn);
+    face::appearance::draw_mesh(model, points, overlay);
     const double error = 100 * (points - truth.points).colwise().norm().mean() / eyes;
     const std::string name = step == 0      ? "start"
                              : step == last ? "end"
                                             : fmt::format("step {}", step);
     strip.push_back(page.image(fmt::format("aam-fit-{}", strip.size()),
-                               cropped(drawn, truth.points),
+                               cropped(overlay, truth.points),
                                fmt::format("{}: {:.1f} % of the eye distance", name, error)));
   }
   cv::Mat made = image.clone();
@@ -113,9 +115,9 @@ void demo_turning_head(Context& context, DemoPage& page) {
   std::vector<cv::Mat> frames;
   double error = 0;
   int posed = 0;
-  for (int i = 0; i < kFrames; ++i) {
+  for (int i = 0; i < kFrameCount; ++i) {
     throw_if_stopped(context.stop);
-    const double phase = 2 * std::numbers::pi * i / kFrames;
+    const double phase = 2 * std::numbers::pi * i / kFrameCount;
     const geometry::Rigid3 truth{
         face::head::rotation_of_angles(
             {32 * std::sin(phase), 10 * std::sin(2 * phase), 6 * std::cos(phase)}),
@@ -127,8 +129,8 @@ void demo_turning_head(Context& context, DemoPage& page) {
     faces.draw(frame.image, faces.person(21), camera, truth, {}, 5);
     frames.push_back(session.on_frame(frame, {}).output.clone());
     if (session.faces().empty() || !session.faces().front().pose) continue;
-    const Eigen::Matrix3d found = session.faces().front().pose->camera_from_head.rotation;
-    error += geometry::angle_of(found * truth.rotation.transpose()) * 180 / std::numbers::pi;
+    const Eigen::Matrix3d estimated = session.faces().front().pose->camera_from_head.rotation;
+    error += geometry::angle_of(estimated * truth.rotation.transpose()) * 180 / std::numbers::pi;
     ++posed;
   }
   const std::string file = page.path_of("pose-turning.gif");
@@ -141,7 +143,7 @@ void demo_turning_head(Context& context, DemoPage& page) {
   page.grid({DemoImage{"img/pose-turning.gif",
                        posed > 0 ? fmt::format("found in {} of {} frames, {:.1f} degrees from "
                                                "the truth on average",
-                                               posed, kFrames, error / posed)
+                                               posed, kFrameCount, error / posed)
                                  : std::string("not found"),
                        360, 360}});
 }

@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 using planar::calibration::Calibration;
 
-constexpr int kDrawn = 12;  // synthetic images, if there are no others
+constexpr int kSyntheticImages = 12;  // synthetic images, if there are no others
 
 struct Shot {
   std::string name;
@@ -37,7 +37,7 @@ std::vector<Shot> shots(const planar::calibration::BoardSpec& spec) {
   }
   if (!result.empty()) return result;
   const synth::BoardVideo video({640, 480}, spec, 1);
-  for (int k = 0; k < kDrawn; ++k)
+  for (int k = 0; k < kSyntheticImages; ++k)
     result.push_back({fmt::format("drawn{:02}", k), video.image_at(0.8 + 1.2 * k)});
   return result;
 }
@@ -93,17 +93,17 @@ void demo_calibrate(Context& context, DemoPage& page) {
   }
   const geometry::Camera straight = geometry::undistorted_camera(calibration.camera);
   // The view with the largest tilt shows the distortion well.
-  std::size_t shown = 0;
+  std::size_t max_tilt_index = 0;
   double tilt = -1;
   for (std::size_t i = 0; i < images.size(); ++i) {
     if (!result.images[i].reason.empty()) continue;
     const double tilt_deg = calibration.views[result.images[i].view].tilt_deg;
     if (tilt_deg <= tilt) continue;
     tilt = tilt_deg;
-    shown = i;
+    max_tilt_index = i;
   }
-  const std::size_t view = result.images[shown].view;
-  const cv::Mat& image = images[shown].image;
+  const std::size_t view = result.images[max_tilt_index].view;
+  const cv::Mat& image = images[max_tilt_index].image;
   page.compare(
       page.image("calibrate-bent", image, "as the camera took it"),
       page.image("calibrate-straight",
@@ -120,7 +120,7 @@ void demo_calibrate(Context& context, DemoPage& page) {
                "explain, 20 times enlarged. The map shows where the board was seen; a calibration "
                "says what is still missing.");
   page.grid(
-      {page.image("calibrate-corners", corners, images[shown].name),
+      {page.image("calibrate-corners", corners, images[max_tilt_index].name),
        page.drawing("calibrate-coverage", coverage_image(result.used_views(), result.coverage, 640),
                     "where the board was seen")});
   add_table(page, calibration, images);

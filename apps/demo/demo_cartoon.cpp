@@ -69,7 +69,8 @@ CartoonOptions options_for(Mode mode) {
   return options;
 }
 
-cv::Mat drawn(const cv::Mat& image, const CartoonOptions& options, DebugSink* stages = nullptr) {
+cv::Mat cartoonize(const cv::Mat& image, const CartoonOptions& options,
+                   DebugSink* stages = nullptr) {
   Frame frame;
   frame.image = image;
   frame.still = true;
@@ -94,9 +95,9 @@ constexpr ModeText kModes[] = {
 
 void add_samples(Context& context, DemoPage& page, const std::vector<Sample>& images) {
   const Sample& first = images.front();
-  const cv::Mat first_drawn = drawn(first.image, options_for(Mode::kCartoon));
+  const cv::Mat first_cartoon = cartoonize(first.image, options_for(Mode::kCartoon));
   page.compare(page.image(fmt::format("{}-original", first.name), first.image, "the image"),
-               page.image(fmt::format("{}-cartoon", first.name), first_drawn, "the cartoon"));
+               page.image(fmt::format("{}-cartoon", first.name), first_cartoon, "the cartoon"));
   page.command(fmt::format("tarsier cartoon run {} -o cartoon.png", first.path));
 
   page.heading("Every mode",
@@ -107,7 +108,7 @@ void add_samples(Context& context, DemoPage& page, const std::vector<Sample>& im
     throw_if_stopped(context.stop);
     std::vector<DemoImage> row{page.image(sample.name + "-original", sample.image, "original")};
     for (const ModeText& mode : kModes) {
-      const cv::Mat image = drawn(sample.image, options_for(mode.mode));
+      const cv::Mat image = cartoonize(sample.image, options_for(mode.mode));
       const std::string name = fmt::format("{}-{}", sample.name, cartoon::name_of(mode.mode));
       const bool lines = mode.mode == Mode::kSketch || mode.mode == Mode::kEvilSketch;
       row.push_back(lines ? page.drawing(name, image, mode.text)
@@ -128,11 +129,11 @@ void add_faces(Context& context, DemoPage& page) {
     options.skin.style = style;
     options.skin.color = color;
     context.progress->advance();
-    return drawn(portrait, options);
+    return cartoonize(portrait, options);
   };
   const cv::Mat green = alien(cartoon::SkinStyle::kGlow, CartoonOptions().skin.color);
   const cv::Mat blue = alien(cartoon::SkinStyle::kTint, {190, 90, 20});
-  const cv::Mat smooth = drawn(portrait, options_for(Mode::kSmooth));
+  const cv::Mat smooth = cartoonize(portrait, options_for(Mode::kSmooth));
   cv::Mat outline = portrait.clone();
   cartoon::draw_face_outline(outline, 0.8);
   page.heading("A face",
@@ -141,12 +142,13 @@ void add_faces(Context& context, DemoPage& page) {
                "tinted. Live, an outline shows for two seconds where to put the face; --face auto "
                "finds it. This "
                "face is drawn by the program, so that nobody's portrait is needed.");
-  page.grid({page.image("face-original", portrait, "original"),
-             page.image("face-outline", outline, "put your face here"),
-             page.image("face-cartoon", drawn(portrait, options_for(Mode::kCartoon)), "cartoon"),
-             page.image("face-alien", green, "alien"),
-             page.image("face-alien-blue", blue, "alien, tinted blue"),
-             page.image("face-smooth", smooth, "smooth: skin only")});
+  page.grid(
+      {page.image("face-original", portrait, "original"),
+       page.image("face-outline", outline, "put your face here"),
+       page.image("face-cartoon", cartoonize(portrait, options_for(Mode::kCartoon)), "cartoon"),
+       page.image("face-alien", green, "alien"),
+       page.image("face-alien-blue", blue, "alien, tinted blue"),
+       page.image("face-smooth", smooth, "smooth: skin only")});
   page.command("tarsier cartoon run 0 --mode alien --window");
 }
 
@@ -170,7 +172,7 @@ class StageStrip final : public DebugSink {
 void add_stages(Context& context, DemoPage& page, const Sample& sample) {
   throw_if_stopped(context.stop);
   StageStrip strip(page, "stage");
-  (void)drawn(sample.image, options_for(Mode::kCartoon), &strip);
+  (void)cartoonize(sample.image, options_for(Mode::kCartoon), &strip);
   context.progress->advance();
   page.heading("What happens inside",
                "Each stage of the cartoon mode. Lines: grey, a median against texture, a Laplacian "
@@ -228,12 +230,12 @@ void add_video(Context& context, DemoPage& page) {
                "The same on every frame of a video or a camera, with --steady, which keeps the "
                "lines of what does not "
                "move from flickering.");
-  const cv::Mat& middle = images[images.size() / 2];
-  const DemoImage poster = page.image("video-poster", middle, "a frame of the video");
+  const cv::Mat& poster_frame = images[images.size() / 2];
+  const DemoImage poster = page.image("video-poster", poster_frame, "a frame of the video");
   if (write_demo_video(page.path_of("video.mp4"), images, fps > 0 ? fps : 10)) {
     page.video({"img/video.mp4",
                 fmt::format("{} frames of {}", images.size(), fs::path(path).filename().string()),
-                middle.cols, middle.rows},
+                poster_frame.cols, poster_frame.rows},
                poster);
   } else {
     std::vector<DemoImage> stills;

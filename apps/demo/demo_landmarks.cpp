@@ -16,7 +16,7 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr const char* kFaces[] = {"messi5.jpg"};
+constexpr const char* kFaceImages[] = {"messi5.jpg"};
 
 }  // namespace
 
@@ -29,7 +29,7 @@ void demo_landmarks(Context& context, DemoPage& page) {
                   "that were learnt by this program. Real images, of Debian's opencv-doc.");
   page.command(fmt::format("tarsier landmarks fit {} -o points.png", sample_image("messi5.jpg")));
   std::vector<DemoImage> faces;
-  for (const char* name : kFaces) {
+  for (const char* name : kFaceImages) {
     throw_if_stopped(context.stop);
     const std::filesystem::path path = sample_image(name);
     if (!std::filesystem::exists(path)) continue;
@@ -46,15 +46,16 @@ void demo_landmarks(Context& context, DemoPage& page) {
                  cvRound(2.2 * box.width), cvRound(2.0 * box.height)) &
         cv::Rect(0, 0, image.cols, image.rows);
     const double zoom = 480.0 / around.width;
-    cv::Mat shown;
-    cv::resize(image(around), shown, {}, zoom, zoom, cv::INTER_CUBIC);
+    cv::Mat enlarged;
+    cv::resize(image(around), enlarged, {}, zoom, zoom, cv::INTER_CUBIC);
     Eigen::Matrix2Xd points = found.front().points;
     points.row(0) = ((points.row(0).array() - around.x + 0.5) * zoom - 0.5).matrix();
     points.row(1) = ((points.row(1).array() - around.y + 0.5) * zoom - 0.5).matrix();
     face::shape::LandmarkStyle style;
     style.radius_px = 2.5;
-    face::shape::draw_landmarks(shown, points, shape_model.connections, shape_model.mirror, style);
-    faces.push_back(page.image("landmarks-" + path.stem().string(), shown,
+    face::shape::draw_landmarks(enlarged, points, shape_model.connections, shape_model.mirror,
+                                style);
+    faces.push_back(page.image("landmarks-" + path.stem().string(), enlarged,
                                fmt::format("{}: a face {:.0f} px wide, score {:.2f}", name,
                                            box.width, found.front().score)));
   }

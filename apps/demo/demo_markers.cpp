@@ -22,10 +22,10 @@ namespace {
 
 const cv::Size kSize{640, 480};
 constexpr double kFps = 25;
-constexpr int kFrames = 150;  // one turn of the video
-constexpr double kSide = 0.05;
+constexpr int kFrameCount = 150;  // one turn of the video
+constexpr double kMarkerSide_m = 0.05;
 
-synth::PlanarVideo desk() {
+synth::PlanarVideo desk_video() {
   synth::PlanarSourceOptions options;
   options.video.speed_px = 12;
   options.video.exposure = 0.1;
@@ -33,7 +33,7 @@ synth::PlanarVideo desk() {
 }
 
 // A painted box with a ball on it, z up.
-std::shared_ptr<const render::Mesh> box_and_ball() {
+std::shared_ptr<const render::Mesh> make_box_and_ball() {
   render::Mesh mesh = render::make_cube(render::make_texture(synth::poster_image({256, 256}, 7)));
   render::Mesh ball = render::make_sphere(24, {0.2F, 0.35F, 0.9F});
   for (cv::Vec3f& p : ball.positions) p = 0.4F * p + cv::Vec3f(0, 0, 0.9F);
@@ -86,16 +86,16 @@ void add_table(DemoPage& page, const Tally& tally) {
 }  // namespace
 
 void demo_markers(Context& context, DemoPage& page) {
-  const synth::PlanarVideo video = desk();
+  const synth::PlanarVideo video = desk_video();
   planar::MarkerTrackerOptions how;
-  how.side = kSide;
+  how.side = kMarkerSide_m;
   how.camera = video.camera();
   const auto tracker = planar::MarkerTracker::load(how);
   ArSessionOptions options;
   options.outlines = false;
   options.augment.object = planar::augment::Object::kMesh;
-  options.augment.mesh = box_and_ball();
-  context.progress->begin("markers", kFrames, "frames");
+  options.augment.mesh = make_box_and_ball();
+  context.progress->begin("markers", kFrameCount, "frames");
   page.begin_area(
       "Objects on printed markers",
       "A black square with a pattern tells where the camera is. What is drawn on it stays "
@@ -109,7 +109,7 @@ void demo_markers(Context& context, DemoPage& page) {
   DemoImage poster;
   cv::Mat plain;
   cv::Mat drawn;
-  for (int i = 0; i < kFrames; ++i) {
+  for (int i = 0; i < kFrameCount; ++i) {
     throw_if_stopped(context.stop);
     Frame frame;
     frame.index = i;

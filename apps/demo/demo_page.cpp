@@ -114,11 +114,12 @@ void DemoPage::video(const DemoImage& video, const DemoImage& poster) {
 void DemoPage::table(const std::vector<std::string>& columns,
                      const std::vector<std::vector<std::string>>& rows, std::string_view caption,
                      int bars) {
-  double most = 0;
+  double max_value = 0;
   for (const auto& row : rows) {
     TARSIER_REQUIRE(row.size() == columns.size(), "{} cells for {} columns", row.size(),
                     columns.size());
-    if (bars >= 0) most = std::max(most, std::atof(row[static_cast<size_t>(bars)].c_str()));
+    if (bars >= 0)
+      max_value = std::max(max_value, std::atof(row[static_cast<size_t>(bars)].c_str()));
   }
   body_ += "<div class=\"scroll\"><table>";
   if (!caption.empty()) body_ += fmt::format("<caption>{}</caption>", escaped_markup(caption));
@@ -130,9 +131,9 @@ void DemoPage::table(const std::vector<std::string>& columns,
     body_ += "<tr>";
     for (size_t i = 0; i < row.size(); ++i) {
       std::string bar;
-      if (static_cast<int>(i) == bars && most > 0) {
+      if (static_cast<int>(i) == bars && max_value > 0) {
         bar = fmt::format(R"(<span class="bar" style="width:{:.1f}em"></span>)",
-                          7 * std::max(0.0, std::atof(row[i].c_str())) / most);
+                          7 * std::max(0.0, std::atof(row[i].c_str())) / max_value);
       }
       body_ += fmt::format("<td>{}{}</td>", bar, escaped_markup(row[i]));
     }
@@ -146,7 +147,7 @@ void DemoPage::note(std::string_view text) {
 }
 
 std::string DemoPage::write(std::string_view title, std::string_view intro,
-                            std::string_view made) const {
+                            std::string_view created_by) const {
   std::string page = fmt::format(
       R"(<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1">
@@ -158,8 +159,8 @@ std::string DemoPage::write(std::string_view title, std::string_view intro,
       escaped_markup(title), kDemoCss, kTarsierSvg, escaped_markup(title), escaped_markup(intro),
       contents_);
   page += body_;
-  page +=
-      fmt::format("</main>\n<footer><div>{}</div></footer></body></html>\n", escaped_markup(made));
+  page += fmt::format("</main>\n<footer><div>{}</div></footer></body></html>\n",
+                      escaped_markup(created_by));
   const std::string path = (std::filesystem::path(folder_) / "index.html").string();
   write_file_atomically(path, page);
   return path;

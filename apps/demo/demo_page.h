@@ -48,9 +48,10 @@ class DemoPage {
   void inner_page(std::string_view html, std::string_view title, int height_px);
   void note(std::string_view text);
 
-  // Writes index.html (atomically) and returns its path. `made` is a line that says when, where and
+  // Writes index.html (atomically) and returns its path. `created_by` is a line that says when, where and
   // by what the page was made.
-  std::string write(std::string_view title, std::string_view intro, std::string_view made) const;
+  std::string write(std::string_view title, std::string_view intro,
+                    std::string_view created_by) const;
 
  private:
   DemoImage save_image(std::string_view file, const cv::Mat& image, std::string caption);

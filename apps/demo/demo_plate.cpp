@@ -15,7 +15,7 @@ namespace tarsier::cli {
 namespace {
 
 // Stores the stages of one image.
-class Kept final : public DebugSink {
+class StageRecorder final : public DebugSink {
  public:
   void image(std::string_view name, const cv::Mat& image) override {
     names.emplace_back(name);
@@ -49,7 +49,7 @@ void show_stills(Context& context, DemoPage& page, const plate::Reader& reader) 
     auto frame = source->next(std::chrono::milliseconds(1000), context.stop);
     if (!frame) continue;
     frame->still = true;
-    Kept stages;
+    StageRecorder stages;
     PlateSession session(of_frames(reader), {}, {}, images.empty() ? &stages : nullptr);
     const View view = session.on_frame(*frame, source->status());
     std::string texts;
@@ -78,11 +78,12 @@ void show_stills(Context& context, DemoPage& page, const plate::Reader& reader) 
 }
 
 void show_drive(Context& context, DemoPage& page, const plate::Reader& reader) {
-  constexpr const char* kDrive = "drive?seconds=20&cars=3&parked=1&far=0&fps=5&size=960x540&seed=6";
+  constexpr const char* kSynthVideo =
+      "drive?seconds=20&cars=3&parked=1&far=0&fps=5&size=960x540&seed=6";
   page.heading("A street, live",
                "Plates are followed from frame to frame, their readings vote, and each vehicle "
                "gives one event.");
-  page.command(fmt::format("tarsier plate read 'synth:{}' --window", kDrive));
+  page.command(fmt::format("tarsier plate read 'synth:{}' --window", kSynthVideo));
   std::vector<std::vector<std::string>> rows;
   PlateSession session(of_frames(reader), [&](const plate::PlateEvent& event) {
     if (event.state != plate::PlateState::kClosed) return;
@@ -90,7 +91,7 @@ void show_drive(Context& context, DemoPage& page, const plate::Reader& reader) {
                     fmt::format("{:.1f}-{:.1f} s", event.first_time, event.last_time),
                     std::to_string(event.frames)});
   });
-  const auto source = synth::open_synth_source(kDrive);
+  const auto source = synth::open_synth_source(kSynthVideo);
   std::vector<DemoImage> images;
   while (auto frame = source->next(std::chrono::milliseconds(1000), context.stop)) {
     throw_if_stopped(context.stop);

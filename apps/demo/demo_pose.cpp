@@ -26,7 +26,7 @@
 namespace tarsier::cli {
 namespace {
 
-const std::string kMessi = sample_image("messi5.jpg");
+const std::string kFaceImage = sample_image("messi5.jpg");
 
 geometry::Camera demo_camera(int width, int height) {
   geometry::Camera camera;
@@ -73,19 +73,19 @@ DemoImage cube_with_axes(DemoPage& page, Context& context) {
                                {-12, 14, 430}};
   cv::Mat image = cube_image(camera, truth);
   Eigen::Matrix3Xd object(3, 8);
-  Eigen::Matrix2Xd seen(2, 8);
+  Eigen::Matrix2Xd projected(2, 8);
   Rng rng(context.seed);
   for (int i = 0; i < 8; ++i) {
     object.col(i) << ((i & 1) != 0 ? 50 : -50), ((i & 2) != 0 ? 50 : -50),
         ((i & 4) != 0 ? 50 : -50);
     const auto pixel = camera.project(truth * object.col(i));
-    seen.col(i) << pixel->x + 0.5 * rng.normal(), pixel->y + 0.5 * rng.normal();
+    projected.col(i) << pixel->x + 0.5 * rng.normal(), pixel->y + 0.5 * rng.normal();
   }
   face::head::PositOptions options;
   options.refine_steps = 10;
   face::head::PositWorkspace workspace;
   const face::head::PositResult result =
-      face::head::posit(face::head::PositModel(object), seen, camera, options, workspace);
+      face::head::posit(face::head::PositModel(object), projected, camera, options, workspace);
   std::string text = "no pose";
   if (result.pose) {
     const geometry::Rigid3& pose = result.pose->camera_from_object;
@@ -146,7 +146,7 @@ DemoImage posed_image(DemoPage& page, const Portrait& portrait, const std::strin
   Frame frame;
   frame.image = portrait.image;
   frame.still = true;
-  frame.name = kMessi;
+  frame.name = kFaceImage;
   const View view = session.on_frame(frame, {});
   std::string text = caption;
   if (!session.faces().empty() && session.faces().front().pose) {
@@ -158,7 +158,7 @@ DemoImage posed_image(DemoPage& page, const Portrait& portrait, const std::strin
 }
 
 // The shipped head, learnt from flat images, in three poses; two of them wear drawn objects.
-DemoImage learnt_head(DemoPage& page) {
+DemoImage draw_trained_head(DemoPage& page) {
   const face::head::HeadModel model = read_head("");
   const face::head::HeadSurface surface = face::head::head_surface(model, model.mean);
   auto skin = std::make_shared<render::Mesh>();
@@ -213,17 +213,17 @@ void demo_pose(Context& context, DemoPage& page) {
                   "images of a thousand faces.");
   page.command("tarsier pose solve --object cube.txt --points seen.txt --focal 760");
   page.grid({cube_with_axes(page, context)});
-  page.grid({learnt_head(page)});
+  page.grid({draw_trained_head(page)});
   // The turning head of the appearance model is inserted here.
   throw_if_stopped(context.stop);
-  page.command(fmt::format("tarsier pose track {} -o posed.png", kMessi));
-  if (!std::filesystem::exists(kMessi)) {
+  page.command(fmt::format("tarsier pose track {} -o posed.png", kFaceImage));
+  if (!std::filesystem::exists(kFaceImage)) {
     page.note("The package opencv-doc is not installed; its image would be here.");
     demo_turning_head(context, page);
     return;
   }
   const std::optional<Portrait> portrait =
-      portrait_of(read_image(kMessi), load_landmark_tracker({}));
+      portrait_of(read_image(kFaceImage), load_landmark_tracker({}));
   if (!portrait) return;
   std::vector<DemoImage> images;
   images.push_back(posed_image(page, *portrait, "pose-messi", PoseOverlay::kAxes, "--draw axes"));

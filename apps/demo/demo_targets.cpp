@@ -69,11 +69,11 @@ void demo_targets(Context& context, DemoPage& page) {
                   "Any flat image with detail can take a marker's place: it is learnt from one "
                   "image, found in others, and followed through a video.");
   show_box(page);
-  synth::VideoOptions look;
-  look.exposure = 0.35;
-  look.seed = context.seed;
+  synth::VideoOptions video_options;
+  video_options.exposure = 0.35;
+  video_options.seed = context.seed;
   const synth::PlanarPrint poster = synth::poster_print(0, context.seed);
-  const synth::PlanarVideo video = synth::print_video({poster}, look);
+  const synth::PlanarVideo video = synth::print_video({poster}, video_options);
   planar::TargetTrackerOptions options;
   options.camera = video.camera();
   TargetSession session(planar::TargetTracker(

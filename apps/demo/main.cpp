@@ -44,14 +44,14 @@ static_assert(std::ranges::equal(kSteps, kDemoAreas, {}, &DemoStep::name),
               "the areas are those of the command line");
 
 // How a user starts `tarsier` from here: by name if it is installed, else by its path.
-std::string program_for_a_shell() {
+std::string shell_command() {
   namespace fs = std::filesystem;
   // If installed, this program is in libexec/tarsier, and tarsier in bin, which is in PATH.
-  const fs::path beside = fs::path(program_folder()) / "tarsier";
+  const fs::path sibling = fs::path(program_folder()) / "tarsier";
   std::error_code error;
-  if (!fs::exists(beside, error)) return "tarsier";
-  const fs::path path = fs::relative(beside, error);
-  return error || path.native().starts_with("..") ? beside.string() : path.string();
+  if (!fs::exists(sibling, error)) return "tarsier";
+  const fs::path path = fs::relative(sibling, error);
+  return error || path.native().starts_with("..") ? sibling.string() : path.string();
 }
 
 ExitStatus run_demo(const DemoOptions& options, Context& context) {
@@ -85,7 +85,7 @@ ExitStatus run_demo(const DemoOptions& options, Context& context) {
     print_text(
         fmt::format("The page is ready after {:.0f} s. Open it in a browser:\n  {}\n"
                     "Live, with your own images and camera, in a browser too:\n  {} serve\n",
-                    seconds, printable(absolute), printable(program_for_a_shell())));
+                    seconds, printable(absolute), printable(shell_command())));
   }
   return ExitStatus::kDone;
 }

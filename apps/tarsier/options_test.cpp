@@ -24,15 +24,15 @@ namespace {
 
 std::vector<OptionsCase> all_options() {
   std::vector<OptionsCase> all;
-  for (const auto& some : {face_options(), plate_options(), scene_options()}) {
-    all.insert(all.end(), some.begin(), some.end());
+  for (const auto& group : {face_options(), plate_options(), scene_options()}) {
+    all.insert(all.end(), group.begin(), group.end());
   }
   return all;
 }
 
 // Calls `change` with a value just outside of each end of the range, where the type has one.
 template <class T, class Change>
-void for_each_outside(const Range& range, const Change& change) {
+void for_each_value_out_of_range(const Range& range, const Change& change) {
   using Limits = std::numeric_limits<T>;
   const auto below = [](double end) {
     const T value = static_cast<T>(end);
@@ -56,7 +56,7 @@ void for_each_outside(const Range& range, const Change& change) {
 
 // The same of a field, which has its value again afterwards.
 template <class Change>
-void for_each_outside(const OptionField& field, const Change& change) {
+void for_each_value_out_of_range(const OptionField& field, const Change& change) {
   std::visit(
       [&](auto* value) {
         using T = std::remove_pointer_t<decltype(value)>;
@@ -72,9 +72,9 @@ void for_each_outside(const OptionField& field, const Change& change) {
         };
         if constexpr (std::is_same_v<T, bool> || std::is_same_v<T, std::string>) {
         } else if constexpr (requires { typename T::value_type; }) {
-          for_each_outside<typename T::value_type>(field.range, set);
+          for_each_value_out_of_range<typename T::value_type>(field.range, set);
         } else {
-          for_each_outside<T>(field.range, set);
+          for_each_value_out_of_range<T>(field.range, set);
         }
       },
       field.value);
@@ -89,7 +89,7 @@ std::string problem_of(const std::function<void()>& check) {
   return "";
 }
 
-TEST(Options, DefaultsAreAllowed) {
+TEST(Options, DefaultsAreValid) {
   // Those that must be given something before they can be used.
   const std::set<std::string> incomplete = {"AnnotateOptions", "sfm::OnlineReconstructorOptions"};
   for (const OptionsCase& options : all_options()) {
@@ -100,12 +100,12 @@ TEST(Options, DefaultsAreAllowed) {
   }
 }
 
-TEST(Options, AValueOutsideIsRefusedByName) {
+TEST(Options, RefusesValuesOutOfRangeByName) {
   int refused = 0;
   for (const OptionsCase& options : all_options()) {
     for (const OptionField& field : options.fields) {
       if (field.range.text().empty()) continue;
-      for_each_outside(field, [&] {
+      for_each_value_out_of_range(field, [&] {
         ++refused;
         const std::string expected = field.range.text();
         const std::string problem = problem_of(options.check);
@@ -117,7 +117,7 @@ TEST(Options, AValueOutsideIsRefusedByName) {
   EXPECT_GT(refused, 800);
 }
 
-TEST(Options, FieldsAreNamedOnce) {
+TEST(Options, FieldNamesAreUnique) {
   for (const OptionsCase& options : all_options()) {
     std::set<std::string_view> names;
     for (const OptionField& field : options.fields) {
@@ -128,7 +128,7 @@ TEST(Options, FieldsAreNamedOnce) {
 }
 
 // A struct that gets fields() must be added to all_options().
-TEST(Options, AllOfThemAreTested) {
+TEST(Options, AllOptionStructsAreTested) {
   std::size_t count = 0;
   for (const char* folder : {TARSIER_SOURCE "/src/tarsier", TARSIER_SOURCE "/apps/ui"}) {
     for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
@@ -174,7 +174,7 @@ bool same_range(const nlohmann::json& described, const Range& range) {
          described.at("max_excluded") == range.below_max && described.at("odd") == range.odd;
 }
 
-TEST(Options, TheirFlagsHaveTheirRanges) {
+TEST(Options, FlagsHaveTheRangesOfTheirFields) {
   const std::multimap<std::string, nlohmann::json> flags = described_flags();
   int checked = 0;
   for (const OptionsCase& options : all_options()) {
@@ -192,7 +192,7 @@ TEST(Options, TheirFlagsHaveTheirRanges) {
   EXPECT_GT(checked, 80);
 }
 
-TEST(Options, EveryNumberOnTheCommandLineHasARange) {
+TEST(Options, EveryNumericFlagHasARange) {
   // Any number will do, or the verb's own words say what is expected.
   const std::set<std::string> without = {"--seed",      "--offset",      "--distance",
                                          "--downscale", "--calibration", "--smooth",

@@ -67,7 +67,7 @@ const FlagInfo& flag_of(const VerbInfo& verb, const std::string& name) {
   return *at;
 }
 
-TEST(Areas, ALineThatNamesOneGetsThatOneAsItAlwaysIs) {
+TEST(Areas, CommandLineOfOneAreaAddsOnlyThatArea) {
   const Program all;
   for (const Command* area : all.root.subcommands()) {
     if (area->name() == "help") continue;
@@ -82,7 +82,7 @@ TEST(Areas, ALineThatNamesOneGetsThatOneAsItAlwaysIs) {
   }
 }
 
-TEST(Areas, AllAreThereForHelpUnknownWordsAndConfigurations) {
+TEST(Areas, HelpUnknownWordsAndConfigFilesAddAllAreas) {
   const std::vector<std::string> all = areas_for({});
   EXPECT_GE(all.size(), 15u);
   EXPECT_EQ(areas_for({"help", "--json"}), all);
@@ -92,7 +92,7 @@ TEST(Areas, AllAreThereForHelpUnknownWordsAndConfigurations) {
   EXPECT_EQ(areas_for({"plate", "read", "--config=sections.toml"}), all);
 }
 
-TEST(Verbs, EachFlagIsDescribedAndItsDefaultIsAllowed) {
+TEST(Verbs, EachFlagHasADescriptionAndAValidDefault) {
   for (const auto& [name, verb] : all_verbs()) {
     std::set<std::string> known;
     for (const FlagInfo& flag : verb.flags) {
@@ -134,7 +134,7 @@ TEST(Verbs, HelpJsonManualAndCompletionNameEveryFlag) {
   for (const AreaInfo& area : areas) {
     for (const VerbInfo& verb : area.verbs) {
       const std::string name = name_of(verb);
-      const std::string help = help_text(*chosen_command(program.root, verb.path).command);
+      const std::string help = help_text(*match_command(program.root, verb.path).command);
       const nlohmann::json& described = json["verbs"].at(count++);
       EXPECT_EQ(described["verb"], name);
       EXPECT_EQ(described["inputs"].size() + described["flags"].size(), verb.flags.size()) << name;
@@ -178,7 +178,7 @@ TEST(Verbs, ExamplesCanBeParsed) {
   }
 }
 
-TEST(Verbs, FlagsBeginWithTheDefaultsOfTheLibrary) {
+TEST(Verbs, FlagDefaultsAreThoseOfTheLibrary) {
   const std::map<std::string, VerbInfo> verbs = all_verbs();
   const auto number = [&verbs](const std::string& verb, const std::string& flag) {
     return std::stod(flag_of(verbs.at(verb), flag).default_value);
@@ -203,7 +203,7 @@ TEST(Verbs, FlagsBeginWithTheDefaultsOfTheLibrary) {
   }
 }
 
-TEST(Verbs, FlagsReachTheirVerb) {
+TEST(Verbs, CommonFlagsSetTheContext) {
   Program program;
   const Command::Parsed parsed = parse_command_line(
       program.root, {"plate", "read", "a.png", "--seed", "7", "--threads", "2", "--json"});
@@ -232,7 +232,7 @@ TEST(Verbs, CommonFlagsAreChecked) {
   EXPECT_THAT(error({"--log-level=loud"}), testing::HasSubstr("--log-level"));
 }
 
-TEST(RunFlags, WithoutAnOutputAVerbIsHeadless) {
+TEST(RunFlags, DefaultToHeadlessWithoutOutputAndWindow) {
   RunFlags run;
   default_to_headless(run);
   EXPECT_EQ(run.output, "none");
@@ -247,7 +247,7 @@ TEST(RunFlags, WithoutAnOutputAVerbIsHeadless) {
   EXPECT_EQ(file.output, "a.png");
 }
 
-TEST(FrameCells, NameImagesAloneAndQuoteThem) {
+TEST(FrameCells, NameOnlyStillImagesAndQuoteThem) {
   Frame frame;
   frame.index = 3;
   frame.time = 1.25;
@@ -258,7 +258,7 @@ TEST(FrameCells, NameImagesAloneAndQuoteThem) {
   EXPECT_EQ(frame_cells(frame), "3,1.250,\"a,b.jpg\"");
 }
 
-TEST(FaceRows, AreOneAFaceWithAsManyCellsAsColumns) {
+TEST(FaceRows, HaveOneRowPerFaceAndOneCellPerColumn) {
   const auto cells = [](const std::string& line) { return csv_fields(line).value().size(); };
   std::vector<face::IdentifiedFace> faces(2);
   faces[0].face.id = 7;
@@ -274,7 +274,7 @@ TEST(FaceRows, AreOneAFaceWithAsManyCellsAsColumns) {
   EXPECT_TRUE(face_rows({}, {}).empty());
 }
 
-TEST(ExitStatus, FollowsTheKindOfAnError) {
+TEST(ExitStatus, DependsOnTheErrorKind) {
   const std::string path = "a.txt";
   EXPECT_EQ(exit_status(UsageError("no").kind()), ExitStatus::kUsage);
   EXPECT_EQ(exit_status(InputError(path, "no").kind()), ExitStatus::kBadInput);
@@ -285,7 +285,7 @@ TEST(ExitStatus, FollowsTheKindOfAnError) {
 }
 
 // What is named behind an error of the library exists.
-TEST(ErrorHelp, NamesTheVerbThatListsWhatThereIs) {
+TEST(ErrorHelp, NamesTheVerbThatListsTheEntries) {
   const auto verbs = all_verbs();
   for (const char* entry :
        {"correction", "face", "group", "member of a group", "person", "plate", "sighting"}) {
@@ -302,7 +302,7 @@ TEST(ErrorHelp, NamesTheVerbThatListsWhatThereIs) {
   EXPECT_EQ(error_help(MissingEntryError("a.db", "thing", "no")), "");
 }
 
-TEST(ErrorHelp, NamesVerbsAndFlagsOfTheProgram) {
+TEST(ErrorHelp, NamesExistingVerbsAndFlags) {
   const auto verbs = all_verbs();
   using face::TemplateProblem;
   for (const auto problem : {TemplateProblem::kNotCalibrated, TemplateProblem::kOtherNetwork,

@@ -16,7 +16,7 @@
 namespace tarsier {
 namespace {
 
-constexpr std::size_t kLongestLine = 200;
+constexpr std::size_t kMaxLineLength = 200;
 
 }  // namespace
 
@@ -86,9 +86,9 @@ std::vector<Event> ActionReader::read() {
       skipping_ = false;
     } else if (!skipping_) {
       line_ += c;
-      if (line_.size() > kLongestLine) {
+      if (line_.size() > kMaxLineLength) {
         log_warning("action '{}..': the line is longer than {} bytes", line_.substr(0, 20),
-                    kLongestLine);
+                    kMaxLineLength);
         line_.clear();
         skipping_ = true;
       }

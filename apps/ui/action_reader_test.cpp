@@ -71,7 +71,7 @@ TEST(ActionReader, ReadsActionsAndSlidersInOrder) {
   EXPECT_FALSE(reader.ended());
 }
 
-TEST(ActionReader, TheLastLineNeedsNoLineBreak) {
+TEST(ActionReader, AcceptsALastLineWithoutLineBreak) {
   Pipe pipe;
   ActionReader reader = reader_of(pipe);
   pipe.put("quit");
@@ -82,7 +82,7 @@ TEST(ActionReader, TheLastLineNeedsNoLineBreak) {
   EXPECT_TRUE(reader.read().empty());
 }
 
-TEST(ActionReader, WhatIsNotUnderstoodIsWarnedOfAndPassedOver) {
+TEST(ActionReader, SkipsInvalidLinesWithAWarning) {
   const Pipe pipe;
   ActionReader reader = reader_of(pipe);
   testing::internal::CaptureStderr();
@@ -97,7 +97,7 @@ TEST(ActionReader, WhatIsNotUnderstoodIsWarnedOfAndPassedOver) {
   EXPECT_THAT(log, HasSubstr("'sketch' takes no value"));
 }
 
-TEST(ActionReader, OverlongLinesAreDroppedAndTheNextOnesRead) {
+TEST(ActionReader, SkipsOverlongLines) {
   const Pipe pipe;
   ActionReader reader = reader_of(pipe);
   testing::internal::CaptureStderr();
@@ -113,7 +113,7 @@ TEST(ActionReader, OverlongLinesAreDroppedAndTheNextOnesRead) {
   EXPECT_EQ(log.find("longer than"), log.rfind("longer than")) << "one warning for one line";
 }
 
-TEST(ActionReader, AClosedDescriptorEnds) {
+TEST(ActionReader, EndsAtAClosedDescriptor) {
   const int fd = ::open("/dev/null", O_RDONLY);
   ActionReader null(fd, {}, {});
   (void)null.read();

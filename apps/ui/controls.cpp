@@ -18,18 +18,18 @@ bool SessionControls::act(std::string_view name) {
   return true;
 }
 
-std::vector<Action> SessionControls::after(std::vector<Action> actions) const {
+std::vector<Action> SessionControls::append_to(std::vector<Action> actions) const {
   if (pauses_) actions.push_back({"pause", "pause and go on", pause_key_});
   actions.push_back({"help", "this list", 'h'});
   actions.push_back({"quit", "end", 'q'});
   return actions;
 }
 
-std::string trouble_of(const SourceStatus& source) {
+std::string source_warning(const SourceStatus& source) {
   return source.state == SourceState::kLive ? "" : std::string(name_of(source.state));
 }
 
-std::string counted(std::size_t count, std::string_view one) {
+std::string count_text(std::size_t count, std::string_view one) {
   return fmt::format("{} {}{}", count, one, count == 1 ? "" : "s");
 }
 

@@ -18,7 +18,7 @@ class SessionControls {
   // Performs the action of this name; false if it is not one of these.
   bool act(std::string_view name);
   // Returns `actions` followed by the common ones.
-  [[nodiscard]] std::vector<Action> after(std::vector<Action> actions) const;
+  [[nodiscard]] std::vector<Action> append_to(std::vector<Action> actions) const;
   [[nodiscard]] bool paused() const { return paused_; }
   [[nodiscard]] bool help() const { return help_; }
   [[nodiscard]] bool finished() const { return finished_; }
@@ -32,9 +32,9 @@ class SessionControls {
 };
 
 // "" for a source that is live, else its state: "stale", "connecting" ..
-[[nodiscard]] std::string trouble_of(const SourceStatus& source);
+[[nodiscard]] std::string source_warning(const SourceStatus& source);
 
 // "1 face", "2 faces".
-[[nodiscard]] std::string counted(std::size_t count, std::string_view one);
+[[nodiscard]] std::string count_text(std::size_t count, std::string_view one);
 
 }  // namespace tarsier

@@ -11,7 +11,7 @@
 namespace tarsier {
 
 View FrameSession::on_frame(const Frame& frame, const SourceStatus& source) {
-  hear(source);
+  set_source(source);
   if (controls_.paused() && !frame.still && !latest_.image.empty())
     return view(false);  // paused: a camera continues, the shown image stays
   if (frame.still || source_of(frame) != source_of(latest_)) restart();
@@ -19,13 +19,13 @@ View FrameSession::on_frame(const Frame& frame, const SourceStatus& source) {
   timer_.start();
   process(frame);
   timer_.stop();
-  processed();
-  return view(draw_again());
+  on_processed();
+  return view(update_drawing());
 }
 
 View FrameSession::on_idle(const SourceStatus& source) {
-  hear(source);
-  if (idle()) draw_again();
+  set_source(source);
+  if (idle()) update_drawing();
   return view(false);
 }
 
@@ -39,19 +39,19 @@ View FrameSession::on_event(const Event& event) {
     const std::string name = action_of(event, actions());
     changed = !controls_.act(name) && act(name);
   }
-  return view(changed && draw_again() && still());
+  return view(changed && update_drawing() && still());
 }
 
-std::vector<Action> FrameSession::actions() const { return controls_.after(own_actions()); }
+std::vector<Action> FrameSession::actions() const { return controls_.append_to(own_actions()); }
 
-View FrameSession::redrawn() { return view(draw_again()); }
+View FrameSession::redraw() { return view(update_drawing()); }
 
-void FrameSession::hear(const SourceStatus& source) {
+void FrameSession::set_source(const SourceStatus& source) {
   source_ = source;
-  trouble_ = trouble_of(source);
+  source_warning_ = source_warning(source);
 }
 
-bool FrameSession::draw_again() {
+bool FrameSession::update_drawing() {
   if (frame().empty()) return false;
   begin_drawing(output_);
   draw(output_);
@@ -62,8 +62,9 @@ View FrameSession::view(bool fresh) {
   View result;
   result.state = state();
   result.state["paused"] = controls_.paused();
-  result.status = fmt::format("{}{}{}", status(), trouble_.empty() ? "" : "  " + trouble_,
-                              controls_.paused() ? "  paused" : "");
+  result.status =
+      fmt::format("{}{}{}", status(), source_warning_.empty() ? "" : "  " + source_warning_,
+                  controls_.paused() ? "  paused" : "");
   if (fresh) result.output = output_;
   result.finished = controls_.finished();
   result.toggle_fullscreen = std::exchange(toggles_fullscreen_, false);
@@ -72,7 +73,7 @@ View FrameSession::view(bool fresh) {
     return result;
   }
   if (output_.empty()) {
-    if (!draw_waiting(shown_)) return result;
+    if (!draw_placeholder(shown_)) return result;
   } else {
     output_.copyTo(shown_);
     draw_shown(shown_);

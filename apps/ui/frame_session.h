@@ -42,7 +42,7 @@ class FrameSession : public Session {
   // earlier frames is no longer valid.
   virtual void restart() {}
   // Called between process() and draw(); not measured.
-  virtual void processed() {}
+  virtual void on_processed() {}
   // Draws on a copy of the frame (CV_8UC3). It may replace the copy by an image of another size.
   virtual void draw(cv::Mat& image) = 0;
   // An object with fixed key names; "paused" is added to it.
@@ -73,7 +73,7 @@ class FrameSession : public Session {
   // Draws on a copy of the drawing that is shown but does not go to the sink.
   virtual void draw_shown(cv::Mat& image) { static_cast<void>(image); }
   // Draws what is shown before the first drawing exists; false: nothing is shown.
-  virtual bool draw_waiting(cv::Mat& image) {
+  virtual bool draw_placeholder(cv::Mat& image) {
     static_cast<void>(image);
     return false;
   }
@@ -83,12 +83,12 @@ class FrameSession : public Session {
   [[nodiscard]] virtual std::string message() const { return ""; }
 
   // Text at the right of the bar.
-  [[nodiscard]] virtual std::string note() const { return timer_.words(still()) + "   h: help"; }
+  [[nodiscard]] virtual std::string note() const { return timer_.text(still()) + "   h: help"; }
   // Lines of the panel of keys before those of the actions.
   [[nodiscard]] virtual std::vector<image::draw::HelpLine> help_lines() const { return {}; }
 
   // Redraws the latest frame, also for the sink. Before the first frame nothing is drawn.
-  View redrawn();
+  View redraw();
   // Drops the drawing until the next one is made.
   void drop_drawing() { output_.release(); }
   // The next view asks the host to switch full screen.
@@ -108,15 +108,15 @@ class FrameSession : public Session {
   [[nodiscard]] const cv::Mat& drawing() const { return output_; }
 
  private:
-  void hear(const SourceStatus& source);
-  bool draw_again();
+  void set_source(const SourceStatus& source);
+  bool update_drawing();
   View view(bool fresh);
 
   std::string title_;
   SessionControls controls_;
   FrameTimer timer_;
   SourceStatus source_;
-  std::string trouble_;  // of the source
+  std::string source_warning_;  // of the source
   bool toggles_fullscreen_ = false;
   Frame latest_;
   cv::Mat output_;

@@ -14,15 +14,15 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 
 // Marks each frame with a value that an action raises.
-class Marks final : public FrameSession {
+class MarkingSession final : public FrameSession {
  public:
-  Marks() : FrameSession("Marks") {}
+  MarkingSession() : FrameSession("Marks") {}
   int restarts = 0;
   int frames = 0;
   int drawings = 0;
-  bool forgets = false;  // when idle
-  std::string says;
-  bool rim = false;
+  bool redraws_when_idle = false;  // when idle
+  std::string message_text;
+  bool draws_border = false;
 
  private:
   void restart() override { ++restarts; }
@@ -36,7 +36,7 @@ class Marks final : public FrameSession {
     image.at<cv::Vec3b>(0, 0) = cv::Vec3b::all(value_);
   }
   [[nodiscard]] nlohmann::json state() const override { return {{"value", value_}}; }
-  [[nodiscard]] std::string status() const override { return counted(1, "mark"); }
+  [[nodiscard]] std::string status() const override { return count_text(1, "mark"); }
   [[nodiscard]] std::vector<Action> own_actions() const override {
     return {{"raise", "a higher value", 'r'}, {"look", "changes nothing", 'l'}};
   }
@@ -50,11 +50,11 @@ class Marks final : public FrameSession {
     value_ = static_cast<std::uint8_t>(event.x);
     return true;
   }
-  bool idle() override { return forgets; }
+  bool idle() override { return redraws_when_idle; }
   void draw_shown(cv::Mat& image) override {
-    if (rim) image.row(0).setTo(cv::Scalar::all(250));
+    if (draws_border) image.row(0).setTo(cv::Scalar::all(250));
   }
-  [[nodiscard]] std::string message() const override { return says; }
+  [[nodiscard]] std::string message() const override { return message_text; }
 
   std::uint8_t value_ = 1;
 };
@@ -70,9 +70,9 @@ Frame frame_of(const char* name, bool still) {
 SourceStatus live() { return {.state = SourceState::kLive, .detail = "", .age_s = 0}; }
 SourceStatus stale() { return {.state = SourceState::kStale, .detail = "", .age_s = 3}; }
 
-TEST(SessionControls, EndHelpAndPauseAreDoneOnceAndListedLast) {
+TEST(SessionControls, HandlesPauseHelpAndQuitAndListsThemLast) {
   SessionControls controls(true);
-  const std::vector<Action> actions = controls.after({{"raise", "", 'r'}});
+  const std::vector<Action> actions = controls.append_to({{"raise", "", 'r'}});
   ASSERT_EQ(actions.size(), 4U);
   EXPECT_EQ(actions[0].name, "raise");
   EXPECT_EQ(action_of(key_event(key::kSpace), actions), "pause");
@@ -90,22 +90,22 @@ TEST(SessionControls, EndHelpAndPauseAreDoneOnceAndListedLast) {
   EXPECT_TRUE(controls.finished());
 }
 
-TEST(SessionControls, WhereNothingMovesThereIsNoPause) {
+TEST(SessionControls, HasNoPauseActionUnlessRequested) {
   SessionControls controls;
-  EXPECT_EQ(action_of(key_event(key::kSpace), controls.after({})), "");
+  EXPECT_EQ(action_of(key_event(key::kSpace), controls.append_to({})), "");
   EXPECT_FALSE(controls.act("pause"));
   EXPECT_FALSE(controls.paused());
 }
 
-TEST(SessionControls, PauseMayHaveAnotherKey) {
+TEST(SessionControls, PauseKeyIsConfigurable) {
   const SessionControls controls(true, 'p');
-  const std::vector<Action> actions = controls.after({{"take", "", key::kSpace}});
+  const std::vector<Action> actions = controls.append_to({{"take", "", key::kSpace}});
   EXPECT_EQ(action_of(key_event('p'), actions), "pause");
   EXPECT_EQ(action_of(key_event(key::kSpace), actions), "take");
 }
 
-TEST(FrameSession, DrawsOnACopyAndPutsTheBarOnWhatIsShownAlone) {
-  Marks session;
+TEST(FrameSession, DrawsOnACopyAndTheBarOnlyOnTheShownImage) {
+  MarkingSession session;
   const Frame frame = frame_of("video", false);
   const View view = session.on_frame(frame, live());
   EXPECT_EQ(view.output.at<cv::Vec3b>(0, 0), cv::Vec3b::all(1));
@@ -118,11 +118,11 @@ TEST(FrameSession, DrawsOnACopyAndPutsTheBarOnWhatIsShownAlone) {
 }
 
 // Draws the frame beside something of its own.
-class Beside final : public FrameSession {
+class SideBySideSession final : public FrameSession {
  public:
-  Beside() : FrameSession("Beside", 'p') {}
-  View finish() { return redrawn(); }
-  std::string right = "";
+  SideBySideSession() : FrameSession("Beside", 'p') {}
+  View finish() { return redraw(); }
+  std::string note_text = "";
 
  private:
   void process(const Frame& /*frame*/) override {}
@@ -133,14 +133,14 @@ class Beside final : public FrameSession {
   }
   [[nodiscard]] nlohmann::json state() const override { return nlohmann::json::object(); }
   [[nodiscard]] std::string status() const override { return "beside"; }
-  [[nodiscard]] std::string note() const override { return right; }
+  [[nodiscard]] std::string note() const override { return note_text; }
   [[nodiscard]] std::vector<image::draw::HelpLine> help_lines() const override {
     return {{"arrows", "turn it"}};
   }
 };
 
-TEST(FrameSession, MayDrawAnImageOfAnotherSize) {
-  Beside session;
+TEST(FrameSession, CanDrawAnImageOfAnotherSize) {
+  SideBySideSession session;
   EXPECT_TRUE(session.finish().output.empty()) << "no frame came";
   const Frame frame = frame_of("video", false);
   const cv::Mat first = session.on_frame(frame, live()).output.clone();
@@ -151,20 +151,20 @@ TEST(FrameSession, MayDrawAnImageOfAnotherSize) {
   EXPECT_EQ(cv::norm(session.finish().output, first, cv::NORM_INF), 0);
 }
 
-TEST(FrameSession, HasItsOwnPauseKeyNoteAndLinesOfHelp) {
-  Beside session;
-  const cv::Mat without = session.on_frame(frame_of("video", false), live()).image.clone();
-  session.right = "a note";
-  const cv::Mat with = session.on_frame(frame_of("video", false), live()).image.clone();
-  EXPECT_GT(cv::norm(with, without, cv::NORM_INF), 0);
+TEST(FrameSession, PauseKeyNoteAndHelpLinesAreCustomizable) {
+  SideBySideSession session;
+  const cv::Mat plain_bar = session.on_frame(frame_of("video", false), live()).image.clone();
+  session.note_text = "a note";
+  const cv::Mat note_bar = session.on_frame(frame_of("video", false), live()).image.clone();
+  EXPECT_GT(cv::norm(note_bar, plain_bar, cv::NORM_INF), 0);
   EXPECT_FALSE(session.on_event(key_event(key::kSpace)).state["paused"]);
   EXPECT_TRUE(session.on_event(key_event('p')).state["paused"]);
   const cv::Mat help = session.on_event(key_event('h')).image;
-  EXPECT_GT(cv::norm(help, with, cv::NORM_INF), 0);
+  EXPECT_GT(cv::norm(help, note_bar, cv::NORM_INF), 0);
 }
 
-TEST(FrameSession, BeforeTheFirstFrameThereIsNothingToShow) {
-  Marks session;
+TEST(FrameSession, ShowsNothingBeforeTheFirstFrame) {
+  MarkingSession session;
   EXPECT_TRUE(session.on_idle(live()).image.empty());
   const View view = session.on_event(action_event("raise"));
   EXPECT_TRUE(view.image.empty());
@@ -173,9 +173,9 @@ TEST(FrameSession, BeforeTheFirstFrameThereIsNothingToShow) {
   EXPECT_EQ(session.drawings, 0);
 }
 
-TEST(FrameSession, AChangedDrawingOfAStillGoesToTheSinkThatOfAVideoDoesNot) {
+TEST(FrameSession, ActionsUpdateTheOutputOfStillsOnly) {
   for (const bool still : {true, false}) {
-    Marks session;
+    MarkingSession session;
     (void)session.on_frame(frame_of("image", still), live());
     View view = session.on_event(key_event('r'));
     EXPECT_EQ(view.output.empty(), !still);
@@ -187,7 +187,7 @@ TEST(FrameSession, AChangedDrawingOfAStillGoesToTheSinkThatOfAVideoDoesNot) {
   }
 }
 
-TEST(FrameSession, WhatTheMouseChangesIsDrawnAsThatOfAnAction) {
+TEST(FrameSession, MouseEventsUpdateTheOutputOfStillsOnly) {
   Event press;
   press.kind = Event::Kind::kMouse;
   press.mouse = Event::Mouse::kLeftDown;
@@ -195,7 +195,7 @@ TEST(FrameSession, WhatTheMouseChangesIsDrawnAsThatOfAnAction) {
   Event move = press;
   move.mouse = Event::Mouse::kMove;
   for (const bool still : {true, false}) {
-    Marks session;
+    MarkingSession session;
     EXPECT_TRUE(session.on_event(press).image.empty()) << "before the first frame";
     (void)session.on_frame(frame_of("image", still), live());
     press.x = 9;
@@ -207,29 +207,29 @@ TEST(FrameSession, WhatTheMouseChangesIsDrawnAsThatOfAnAction) {
   }
 }
 
-TEST(FrameSession, WhatIsDrawnOnTheShownImageAloneStaysOutOfTheOutput) {
-  Marks session;
-  session.rim = true;
+TEST(FrameSession, DrawShownDoesNotChangeTheOutput) {
+  MarkingSession session;
+  session.draws_border = true;
   View view = session.on_frame(frame_of("video", false), live());
   EXPECT_EQ(view.image.at<cv::Vec3b>(0, 80), cv::Vec3b::all(250));
   EXPECT_EQ(view.output.at<cv::Vec3b>(0, 80), cv::Vec3b::all(90));
-  session.rim = false;
+  session.draws_border = false;
   view = session.on_idle(live());
   EXPECT_EQ(view.image.at<cv::Vec3b>(0, 80), cv::Vec3b::all(90)) << "it is gone without a frame";
 }
 
-TEST(FrameSession, AMessageTakesThePlaceOfTheStatusInTheBarAlone) {
-  Marks session;
+TEST(FrameSession, MessageReplacesTheStatusOnlyInTheBar) {
+  MarkingSession session;
   (void)session.on_frame(frame_of("image", true), live());
   const cv::Mat bar = session.on_idle(live()).image.clone();
-  session.says = "saved a.png";
+  session.message_text = "saved a.png";
   const View view = session.on_idle(live());
   EXPECT_EQ(view.status, "1 mark");
   EXPECT_GT(cv::norm(view.image(cv::Rect(0, 60, 80, 60)), bar(cv::Rect(0, 60, 80, 60))), 0);
 }
 
-TEST(FrameSession, BeginsAgainWithEachStillAndEachSource) {
-  Marks session;
+TEST(FrameSession, RestartsForEachStillAndEachSource) {
+  MarkingSession session;
   for (const char* name : {"a", "a", "b"}) (void)session.on_frame(frame_of(name, false), live());
   EXPECT_EQ(session.restarts, 2);
   for (int i = 0; i < 2; ++i) (void)session.on_frame(frame_of("b", true), live());
@@ -240,8 +240,8 @@ TEST(FrameSession, BeginsAgainWithEachStillAndEachSource) {
   EXPECT_EQ(session.restarts, 6);
 }
 
-TEST(FrameSession, SaysWhatTheSourceIsAndWhetherItIsPaused) {
-  Marks session;
+TEST(FrameSession, StatusHasSourceStateAndPause) {
+  MarkingSession session;
   (void)session.on_frame(frame_of("camera", false), live());
   View view = session.on_idle(stale());
   EXPECT_EQ(view.status, "1 mark  " + std::string(name_of(SourceState::kStale)));
@@ -252,13 +252,13 @@ TEST(FrameSession, SaysWhatTheSourceIsAndWhetherItIsPaused) {
   EXPECT_EQ(view.state["paused"], true);
   view = session.on_frame(frame_of("camera", false), live());
   EXPECT_THAT(view.status, Not(HasSubstr(std::string(name_of(SourceState::kStale)))));
-  session.forgets = true;
+  session.redraws_when_idle = true;
   (void)session.on_idle(stale());
   EXPECT_EQ(session.drawings, 2) << "what an idle session forgets leaves the image";
 }
 
-TEST(FrameSession, WhatIsPausedStaysThoughACameraGoesOn) {
-  Marks session;
+TEST(FrameSession, PauseFreezesALiveCamera) {
+  MarkingSession session;
   (void)session.on_frame(frame_of("camera", false), live());
   (void)session.on_event(action_event("pause"));
   Frame later = frame_of("camera", false);
@@ -273,17 +273,17 @@ TEST(FrameSession, WhatIsPausedStaysThoughACameraGoesOn) {
   EXPECT_EQ(view.image.at<cv::Vec3b>(60, 80), cv::Vec3b::all(30));
 }
 
-TEST(FrameSession, HelpLiesOverWhatIsShownAndQuitEnds) {
-  Marks session;
+TEST(FrameSession, HelpIsDrawnOverTheViewAndQuitFinishes) {
+  MarkingSession session;
   const View plain = session.on_frame(frame_of("video", false), live());
   const cv::Mat before = plain.image.clone();
-  const View helped = session.on_event(key_event('h'));
-  EXPECT_GT(cv::norm(before, helped.image, cv::NORM_INF), 0);
+  const View with_help = session.on_event(key_event('h'));
+  EXPECT_GT(cv::norm(before, with_help.image, cv::NORM_INF), 0);
   EXPECT_TRUE(session.on_event(key_event('q')).finished);
 }
 
-TEST(FrameSession, WithoutStatusTheImageIsTheDrawing) {
-  Marks session;
+TEST(FrameSession, WithoutStatusShowsOnlyTheDrawing) {
+  MarkingSession session;
   const Frame frame = frame_of("video", false);
   session.draw_status(false);
   const View view = session.on_frame(frame, live());
@@ -294,7 +294,7 @@ TEST(FrameSession, WithoutStatusTheImageIsTheDrawing) {
   const View raised = session.on_event(action_event("raise"));
   EXPECT_TRUE(raised.output.empty());
   EXPECT_EQ(raised.image.at<cv::Vec3b>(0, 0), cv::Vec3b::all(2));
-  session.says = "look here";
+  session.message_text = "look here";
   EXPECT_EQ(session.on_idle(live()).status, "look here") << "what the bar would say";
 }
 

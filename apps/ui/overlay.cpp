@@ -8,7 +8,7 @@
 namespace tarsier {
 namespace {
 
-constexpr double kNewest = 0.1;  // share of the newest frame in the running mean
+constexpr double kNewestWeight = 0.1;  // share of the newest frame in the running mean
 
 }  // namespace
 
@@ -34,13 +34,13 @@ void FrameTimer::start() { start_ = std::chrono::steady_clock::now(); }
 void FrameTimer::stop() {
   const auto passed = std::chrono::steady_clock::now() - start_;
   last_ms_ = std::chrono::duration<double, std::milli>(passed).count();
-  usual_ms_ = usual_ms_ == 0 ? last_ms_ : (1 - kNewest) * usual_ms_ + kNewest * last_ms_;
+  mean_ms_ = mean_ms_ == 0 ? last_ms_ : (1 - kNewestWeight) * mean_ms_ + kNewestWeight * last_ms_;
 }
 
-std::string FrameTimer::words(bool still) const {
-  return still || usual_ms_ <= 0
+std::string FrameTimer::text(bool still) const {
+  return still || mean_ms_ <= 0
              ? fmt::format("{:.1f} ms", last_ms_)
-             : fmt::format("{:.1f} ms, {:.0f} frames/s", usual_ms_, 1000 / usual_ms_);
+             : fmt::format("{:.1f} ms, {:.0f} frames/s", mean_ms_, 1000 / mean_ms_);
 }
 
 }  // namespace tarsier

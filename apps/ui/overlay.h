@@ -27,14 +27,14 @@ class FrameTimer {
   void start();
   void stop();
   [[nodiscard]] double last_ms() const { return last_ms_; }
-  [[nodiscard]] double usual_ms() const { return usual_ms_; }
+  [[nodiscard]] double mean_ms() const { return mean_ms_; }
   // "12.3 ms" for a `still`; "12.3 ms, 81 frames/s" from the mean otherwise.
-  [[nodiscard]] std::string words(bool still) const;
+  [[nodiscard]] std::string text(bool still) const;
 
  private:
   std::chrono::steady_clock::time_point start_;
   double last_ms_ = 0;
-  double usual_ms_ = 0;
+  double mean_ms_ = 0;
 };
 
 }  // namespace tarsier

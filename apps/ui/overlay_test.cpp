@@ -10,7 +10,7 @@
 namespace tarsier {
 namespace {
 
-TEST(KeyName, IsWhatIsPrintedOnTheKey) {
+TEST(KeyName, IsTheLabelOfTheKey) {
   EXPECT_EQ(key_name('s'), "s");
   EXPECT_EQ(key_name('?'), "?");
   EXPECT_EQ(key_name(key::kSpace), "space");
@@ -20,7 +20,7 @@ TEST(KeyName, IsWhatIsPrintedOnTheKey) {
 }
 
 // The panel grows with its lines: actions without a key have none.
-TEST(DrawHelp, ListsTheActionsThatHaveAKey) {
+TEST(DrawHelp, ListsOnlyActionsWithAKey) {
   const cv::Mat blank(400, 600, CV_8UC3, cv::Scalar::all(200));
   const auto drawn = [&](const std::vector<Action>& actions,
                          std::vector<image::draw::HelpLine> first) {
@@ -36,15 +36,15 @@ TEST(DrawHelp, ListsTheActionsThatHaveAKey) {
   EXPECT_GT(cv::norm(drawn({sketch, {"quit", "end", key::kEscape}}, {}), one, cv::NORM_INF), 0);
 }
 
-TEST(FrameTimer, TellsOfFramesOnlyWhereThereAreSome) {
+TEST(FrameTimer, ReportsFrameRateForVideosOnly) {
   FrameTimer timer;
-  EXPECT_EQ(timer.words(false), "0.0 ms");
+  EXPECT_EQ(timer.text(false), "0.0 ms");
   timer.start();
   timer.stop();
-  EXPECT_EQ(timer.usual_ms(), timer.last_ms());
-  EXPECT_THAT(timer.words(true), ::testing::Not(::testing::HasSubstr("frames/s")));
-  if (timer.usual_ms() > 0) {  // a clock may stand still for so short a time
-    EXPECT_THAT(timer.words(false), ::testing::HasSubstr("frames/s"));
+  EXPECT_EQ(timer.mean_ms(), timer.last_ms());
+  EXPECT_THAT(timer.text(true), ::testing::Not(::testing::HasSubstr("frames/s")));
+  if (timer.mean_ms() > 0) {  // a clock may stand still for so short a time
+    EXPECT_THAT(timer.text(false), ::testing::HasSubstr("frames/s"));
   }
 }
 

@@ -45,16 +45,16 @@ std::string describe(const Event& event) {
   return "unknown";
 }
 
-void ScriptedHost::at(std::int64_t frame, Event event) {
+void ScriptedHost::schedule(std::int64_t frame, Event event) {
   TARSIER_REQUIRE(frame >= 0, "frame {}", frame);
   events_[frame].push_back(std::move(event));
 }
 
-void ScriptedHost::keep(std::int64_t frame) { kept_.insert(frame); }
+void ScriptedHost::keep_images(std::int64_t frame) { kept_frames_.insert(frame); }
 
 bool ScriptedHost::record(View view, std::string cause, const Frame* frame) {
   ScriptStep step;
-  step.frame = fed_ - 1;
+  step.frame = frame_count_ - 1;
   step.cause = std::move(cause);
   step.status = std::move(view.status);
   step.state = std::move(view.state);
@@ -62,7 +62,7 @@ bool ScriptedHost::record(View view, std::string cause, const Frame* frame) {
   step.toggle_fullscreen = view.toggle_fullscreen;
   if (sink_ != nullptr && frame != nullptr && !view.output.empty())
     step.written = sink_->write(view.output, *frame);
-  if (kept_.contains(step.frame)) {
+  if (kept_frames_.contains(step.frame)) {
     step.image = view.image.clone();
     step.output = view.output.clone();
   }
@@ -76,7 +76,7 @@ bool ScriptedHost::send_events(std::int64_t before) {
     const std::vector<Event> events = std::move(events_.begin()->second);
     events_.erase(events_.begin());
     for (const Event& event : events) {
-      if (record(session_.on_event(event), describe(event), fed_ > 0 ? &last_ : nullptr))
+      if (record(session_.on_event(event), describe(event), frame_count_ > 0 ? &last_ : nullptr))
         return true;
     }
   }
@@ -86,11 +86,11 @@ bool ScriptedHost::send_events(std::int64_t before) {
 const std::vector<ScriptStep>& ScriptedHost::run(std::int64_t max_frames,
                                                  const std::stop_token& stop) {
   TARSIER_REQUIRE(max_frames >= 0, "at most {} frames", max_frames);
-  constexpr std::chrono::milliseconds kPatience(500);
+  constexpr std::chrono::milliseconds kTimeout(500);
   std::int64_t count = 0;
   while (!stop.stop_requested() && (max_frames == 0 || count < max_frames)) {
-    if (send_events(fed_)) return steps_;
-    std::optional<Frame> frame = source_.next(kPatience, stop);
+    if (send_events(frame_count_)) return steps_;
+    std::optional<Frame> frame = source_.next(kTimeout, stop);
     if (!frame) {
       if (source_.ended()) {
         (void)send_events(std::numeric_limits<std::int64_t>::max());
@@ -101,7 +101,7 @@ const std::vector<ScriptStep>& ScriptedHost::run(std::int64_t max_frames,
       continue;
     }
     ++count;
-    ++fed_;
+    ++frame_count_;
     last_ = std::move(*frame);
     if (record(session_.on_frame(last_, source_.status()), "frame", &last_)) return steps_;
   }

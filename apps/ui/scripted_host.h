@@ -40,9 +40,9 @@ class ScriptedHost {
 
   // Sends `event` before frame number `frame` (>= 0, in order of processing), after earlier events
   // for the same frame. Events beyond the last frame are sent after it.
-  void at(std::int64_t frame, Event event);
+  void schedule(std::int64_t frame, Event event);
   // Keeps copies of the images of all steps with this frame number.
-  void keep(std::int64_t frame);
+  void keep_images(std::int64_t frame);
   // New output images are written to `sink`; null: they are not written. The caller calls finish().
   void write_to(FrameSink* sink) { sink_ = sink; }
 
@@ -64,10 +64,10 @@ class ScriptedHost {
   FrameSource& source_;
   FrameSink* sink_ = nullptr;
   std::map<std::int64_t, std::vector<Event>> events_;
-  std::set<std::int64_t> kept_;
+  std::set<std::int64_t> kept_frames_;
   std::vector<ScriptStep> steps_;
-  Frame last_;            // the frame that an image of an event belongs to
-  std::int64_t fed_ = 0;  // frames
+  Frame last_;                    // the frame that an image of an event belongs to
+  std::int64_t frame_count_ = 0;  // frames
 };
 
 // "key s", "action sketch", "slider threshold 60", "mouse left-down 10 20": for transcripts.

@@ -16,22 +16,22 @@ namespace tarsier {
 namespace {
 
 // Five frames, each filled with its number; a gap of silence before the fourth.
-class Counting final : public FrameSource {
+class CountingSource final : public FrameSource {
  public:
-  explicit Counting(bool gap = false) : gap_(gap) {}
+  explicit CountingSource(bool gap = false) : gap_(gap) {}
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token& stop) override {
     if (stop.stop_requested() || ended()) return std::nullopt;
-    if (gap_ && at_ == 3) {
+    if (gap_ && position_ == 3) {
       gap_ = false;
       return std::nullopt;
     }
     Frame frame;
-    frame.image = cv::Mat(4, 4, CV_8UC3, cv::Scalar::all(static_cast<double>(at_)));
-    frame.index = at_++;
+    frame.image = cv::Mat(4, 4, CV_8UC3, cv::Scalar::all(static_cast<double>(position_)));
+    frame.index = position_++;
     frame.name = "counting";
     return frame;
   }
-  [[nodiscard]] bool ended() const override { return at_ == 5; }
+  [[nodiscard]] bool ended() const override { return position_ == 5; }
   [[nodiscard]] bool is_live() const override { return false; }
   [[nodiscard]] SourceStatus status() const override { return {}; }
   [[nodiscard]] double fps() const override { return 0; }
@@ -39,13 +39,13 @@ class Counting final : public FrameSource {
   [[nodiscard]] const std::vector<std::string>& skipped() const override { return skipped_; }
 
  private:
-  std::int64_t at_ = 0;
+  std::int64_t position_ = 0;
   bool gap_;
   std::vector<std::string> skipped_;
 };
 
 // Adds what sliders say to the image; one buffer for all views, as sessions may.
-class Adding final : public Session {
+class AddingSession final : public Session {
  public:
   View on_frame(const Frame& frame, const SourceStatus&) override {
     buffer_.create(frame.image.size(), CV_8UC3);
@@ -81,7 +81,7 @@ class Adding final : public Session {
   double offset_ = 0;
 };
 
-class Collecting final : public FrameSink {
+class CollectingSink final : public FrameSink {
  public:
   std::string write(const cv::Mat& image, const Frame& source) override {
     values.push_back(image.at<cv::Vec3b>(0, 0)[0]);
@@ -101,15 +101,15 @@ std::vector<std::string> causes(const std::vector<ScriptStep>& steps) {
 using Texts = std::vector<std::string>;
 
 TEST(ScriptedHost, SendsEventsBeforeTheirFrames) {
-  Adding session;
-  Counting source;
-  Collecting sink;
+  AddingSession session;
+  CountingSource source;
+  CollectingSink sink;
   ScriptedHost host(session, source);
-  host.at(2, slider_event("offset", 10));
-  host.at(2, key_event('x'));
-  host.at(99, action_event("late"));
-  host.keep(1);
-  host.keep(4);
+  host.schedule(2, slider_event("offset", 10));
+  host.schedule(2, key_event('x'));
+  host.schedule(99, action_event("late"));
+  host.keep_images(1);
+  host.keep_images(4);
   host.write_to(&sink);
   const std::vector<ScriptStep>& steps = host.run();
   EXPECT_EQ(causes(steps), (Texts{"frame", "frame", "slider offset 10", "key x", "frame", "frame",
@@ -126,31 +126,31 @@ TEST(ScriptedHost, SendsEventsBeforeTheirFrames) {
 }
 
 TEST(ScriptedHost, EndsWhenTheSessionHasFinished) {
-  Adding session;
-  Counting source;
+  AddingSession session;
+  CountingSource source;
   ScriptedHost host(session, source);
-  host.at(0, key_event('f'));
-  host.at(3, key_event('q'));
+  host.schedule(0, key_event('f'));
+  host.schedule(3, key_event('q'));
   EXPECT_EQ(causes(host.run()), (Texts{"key f", "frame", "frame", "frame", "key q"}));
   EXPECT_TRUE(host.steps().front().toggle_fullscreen);
   EXPECT_TRUE(host.steps().back().finished);
 }
 
-TEST(ScriptedHost, ASilentSourceGivesIdleSteps) {
-  Adding session;
-  Counting source(true);
+TEST(ScriptedHost, SilentSourceGivesIdleSteps) {
+  AddingSession session;
+  CountingSource source(true);
   ScriptedHost host(session, source);
   EXPECT_EQ(causes(host.run()), (Texts{"frame", "frame", "frame", "idle", "frame", "frame"}));
   EXPECT_EQ(host.steps()[3].status, "waiting");
 }
 
-TEST(ScriptedHost, CanBeRunInPartsAndGivesTheSameTranscript) {
+TEST(ScriptedHost, RunInPartsGivesTheSameTranscript) {
   std::string whole;
   for (const int part : {0, 1, 2}) {
-    Adding session;
-    Counting source;
+    AddingSession session;
+    CountingSource source;
     ScriptedHost host(session, source);
-    host.at(1, slider_event("offset", 2.5));
+    host.schedule(1, slider_event("offset", 2.5));
     do {
       (void)host.run(part);
     } while (!source.ended());
@@ -163,14 +163,14 @@ TEST(ScriptedHost, CanBeRunInPartsAndGivesTheSameTranscript) {
           R"({"cause":"slider offset 2.5","frame":0,"state":{"offset":2.5},"status":"ok"})"));
 }
 
-TEST(ScriptedHost, StopsAtAToken) {
-  Adding session;
-  Counting source;
+TEST(ScriptedHost, StopsWhenRequested) {
+  AddingSession session;
+  CountingSource source;
   ScriptedHost host(session, source);
   std::stop_source stop;
   stop.request_stop();
   EXPECT_TRUE(host.run(0, stop.get_token()).empty());
-  EXPECT_THROW(host.at(-1, key_event('x')), std::invalid_argument);
+  EXPECT_THROW(host.schedule(-1, key_event('x')), std::invalid_argument);
 }
 
 }  // namespace

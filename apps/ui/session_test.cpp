@@ -10,7 +10,7 @@ const std::vector<Action> kActions{{"zoom", "nearer", '+'},    {"mirror", "mirro
                                    {"next", "the next", 'n'},  {"hide", "hide it", 'h'},
                                    {"help", "this list", '?'}, {"quit", "end", 0}};
 
-TEST(ActionOf, IsTheKeyOfItsOwnWhateverShiftAndCapsLockMakeOfIt) {
+TEST(ActionOf, IgnoresShiftAndCapsLock) {
   EXPECT_EQ(action_of(key_event('m'), kActions), "mirror");
   EXPECT_EQ(action_of(key_event('M'), kActions), "mirror");
   EXPECT_EQ(action_of(key_event('='), kActions), "zoom");
@@ -22,7 +22,7 @@ TEST(ActionOf, IsTheKeyOfItsOwnWhateverShiftAndCapsLockMakeOfIt) {
   EXPECT_EQ(action_of(slider_event("m", 1), kActions), "");
 }
 
-TEST(ActionOf, KnowsTheKeysThatMeanTheSameEverywhere) {
+TEST(ActionOf, MapsTheCommonKeys) {
   for (const int key : {key::kEscape, static_cast<int>('q'), static_cast<int>('Q')})
     EXPECT_EQ(action_of(key_event(key), kActions), "quit");
   for (const int key : {key::kRight, key::kSpace, key::kEnter})
@@ -31,7 +31,7 @@ TEST(ActionOf, KnowsTheKeysThatMeanTheSameEverywhere) {
   EXPECT_EQ(action_of(key_event('h'), {{"help", "this list", 0}}), "help");
 }
 
-TEST(ActionOf, NamesNoActionThatIsNotThere) {
+TEST(ActionOf, IsEmptyForUnknownKeys) {
   EXPECT_EQ(action_of(key_event(key::kLeft), kActions), "");
   EXPECT_EQ(action_of(key_event('x'), kActions), "");
   EXPECT_EQ(action_of(key_event(0), kActions), "");

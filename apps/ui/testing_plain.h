@@ -14,20 +14,20 @@ inline void expect_plain_image(Session& session, const SourceStatus& source = {}
   session.draw_status(false);
   const cv::Mat plain = session.on_idle(source).image.clone();
   ASSERT_FALSE(plain.empty());
-  const cv::Mat asked = session.on_event(action_event("help")).image.clone();
-  ASSERT_EQ(plain.size(), asked.size());
-  EXPECT_EQ(cv::norm(plain, asked, cv::NORM_INF), 0) << "the panel of keys";
+  const cv::Mat with_help = session.on_event(action_event("help")).image.clone();
+  ASSERT_EQ(plain.size(), with_help.size());
+  EXPECT_EQ(cv::norm(plain, with_help, cv::NORM_INF), 0) << "the panel of keys";
   (void)session.on_event(action_event("help"));
   session.draw_status(true);
   (void)session.on_event(action_event("help"));
-  const cv::Mat barred = session.on_event(action_event("help")).image.clone();
-  EXPECT_TRUE(barred.size() != plain.size() || cv::norm(plain, barred, cv::NORM_INF) > 0)
+  const cv::Mat with_bar = session.on_event(action_event("help")).image.clone();
+  EXPECT_TRUE(with_bar.size() != plain.size() || cv::norm(plain, with_bar, cv::NORM_INF) > 0)
       << "the bar";
   session.draw_status(false);
   (void)session.on_event(action_event("help"));
-  const cv::Mat again = session.on_event(action_event("help")).image;
-  ASSERT_EQ(plain.size(), again.size());
-  EXPECT_EQ(cv::norm(plain, again, cv::NORM_INF), 0);
+  const cv::Mat after = session.on_event(action_event("help")).image;
+  ASSERT_EQ(plain.size(), after.size());
+  EXPECT_EQ(cv::norm(plain, after, cv::NORM_INF), 0);
 }
 
 }  // namespace tarsier::testing

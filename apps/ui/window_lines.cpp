@@ -18,8 +18,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t kLongestName = 200;
-constexpr double kFarthest = 1e6;  // px
+constexpr std::size_t kMaxNameLength = 200;
+constexpr double kMaxCoordinate = 1e6;  // px
 constexpr double kMaxValue = 1e12;
 constexpr int kMaxNotches = 100;
 
@@ -58,7 +58,7 @@ std::string name_in(const json& object, const char* name) {
   const json& value = object.at(name);
   require(value.is_string(), "'{}' is no text", name);
   auto text = value.get<std::string>();
-  require(!text.empty() && text.size() <= kLongestName, "'{}' is empty or too long", name);
+  require(!text.empty() && text.size() <= kMaxNameLength, "'{}' is empty or too long", name);
   return text;
 }
 
@@ -88,8 +88,8 @@ std::optional<Event> event_in(const json& object) {
     require(known != kMouse.end(), "'mouse' does not do this");
     event.kind = Event::Kind::kMouse;
     event.mouse = known->second;
-    event.x = number(object, "x", kFarthest);
-    event.y = number(object, "y", kFarthest);
+    event.x = number(object, "x", kMaxCoordinate);
+    event.y = number(object, "y", kMaxCoordinate);
     if (object.contains("wheel"))
       event.wheel = whole_number(object, "wheel", -kMaxNotches, kMaxNotches);
   } else if (is_action) {
@@ -129,9 +129,9 @@ WindowLine parse_window_line(std::string_view line) {
   return result;
 }
 
-void WindowLines::refuse(std::string trouble) {
+void WindowLines::refuse(std::string reason) {
   ++refused_;
-  trouble_ = std::move(trouble);
+  last_error_ = std::move(reason);
 }
 
 std::vector<WindowLine> WindowLines::feed(std::string_view bytes) {
@@ -140,7 +140,7 @@ std::vector<WindowLine> WindowLines::feed(std::string_view bytes) {
     const std::size_t end = bytes.find('\n');
     const std::string_view part = bytes.substr(0, end);
     bytes.remove_prefix(end == std::string_view::npos ? bytes.size() : end + 1);
-    if (!skipping_ && line_.size() + part.size() > kLongestLine) {
+    if (!skipping_ && line_.size() + part.size() > kMaxLineLength) {
       skipping_ = true;
       line_ = {};
       refuse("the line is longer than 64 kB");

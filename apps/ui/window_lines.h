@@ -42,7 +42,7 @@ struct WindowLine {
 // Splits bytes that arrive in pieces of any size into lines. No I/O. Holds at most one line.
 class WindowLines {
  public:
-  static constexpr std::size_t kLongestLine = 64U << 10U;  // bytes
+  static constexpr std::size_t kMaxLineLength = 64U << 10U;  // bytes
 
   // The lines that these bytes complete. Empty lines are skipped; malformed and overlong lines are
   // counted in refused().
@@ -50,17 +50,17 @@ class WindowLines {
 
   [[nodiscard]] std::size_t refused() const { return refused_; }
   // Why the last refused line was refused; empty if none was.
-  [[nodiscard]] const std::string& trouble() const { return trouble_; }
+  [[nodiscard]] const std::string& last_error() const { return last_error_; }
   // Bytes of memory held; for tests.
   [[nodiscard]] std::size_t held_bytes() const { return line_.capacity(); }
 
  private:
-  void refuse(std::string trouble);
+  void refuse(std::string reason);
 
   std::string line_;       // the received part of the last line
   bool skipping_ = false;  // skips the rest of an overlong line
   std::size_t refused_ = 0;
-  std::string trouble_;
+  std::string last_error_;
 };
 
 }  // namespace tarsier

@@ -12,7 +12,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-TEST(WindowLine, EachKindOfEvent) {
+TEST(WindowLine, ParsesEachKindOfEvent) {
   WindowLine line = parse_window_line(R"({"key":115,"shift":true})");
   ASSERT_TRUE(line.event);
   EXPECT_EQ(line.event->kind, Event::Kind::kKey);
@@ -40,7 +40,7 @@ TEST(WindowLine, EachKindOfEvent) {
   EXPECT_EQ(line.event->value, -2.25);
 }
 
-TEST(WindowLine, Requests) {
+TEST(WindowLine, ParsesRequests) {
   WindowLine line = parse_window_line(R"({"want":1,"quality":60,"max_width":640})");
   EXPECT_FALSE(line.event);
   EXPECT_EQ(line.want, true);
@@ -57,7 +57,7 @@ TEST(WindowLine, Requests) {
   EXPECT_FALSE(parse_window_line(R"({"close":false})").close);
 }
 
-TEST(WindowLine, WhatIsWrongIsRefused) {
+TEST(WindowLine, RefusesInvalidLines) {
   const std::string long_name(201, 'a');
   for (const std::string& text : {
            std::string("key"),
@@ -96,7 +96,7 @@ TEST(WindowLine, WhatIsWrongIsRefused) {
     EXPECT_THROW((void)parse_window_line(text), std::invalid_argument) << text;
 }
 
-TEST(WindowLines, PiecesOfAnySizeGiveTheSame) {
+TEST(WindowLines, ResultIsIndependentOfPieceSize) {
   const std::string text =
       "{\"key\":97}\n\n  \r\n{\"action\":\"x\"}\r\nno\n{\"want\":1}\n{\"key\":98";
   for (const std::size_t size : {std::size_t{1}, std::size_t{3}, text.size()}) {
@@ -110,25 +110,25 @@ TEST(WindowLines, PiecesOfAnySizeGiveTheSame) {
     EXPECT_EQ(all[1].event->name, "x");
     EXPECT_EQ(all[2].want, true);
     EXPECT_EQ(lines.refused(), 1U);
-    EXPECT_THAT(lines.trouble(), HasSubstr("no JSON object"));
+    EXPECT_THAT(lines.last_error(), HasSubstr("no JSON object"));
   }
 }
 
-TEST(WindowLines, ALineThatIsTooLongIsPassedOverAndNotKept) {
+TEST(WindowLines, SkipsOverlongLinesWithoutStoringThem) {
   WindowLines lines;
   const std::string piece(1000, 'x');
   for (int i = 0; i < 1000; ++i) {
     EXPECT_TRUE(lines.feed(piece).empty());
-    EXPECT_LE(lines.held_bytes(), 2 * WindowLines::kLongestLine);
+    EXPECT_LE(lines.held_bytes(), 2 * WindowLines::kMaxLineLength);
   }
   EXPECT_EQ(lines.refused(), 1U) << "said once";
-  EXPECT_THAT(lines.trouble(), HasSubstr("64 kB"));
+  EXPECT_THAT(lines.last_error(), HasSubstr("64 kB"));
   const std::vector<WindowLine> after = lines.feed("\n{\"key\":97}\n");
   ASSERT_EQ(after.size(), 1U);
   EXPECT_EQ(after[0].event->key, 'a');
   // The longest that is allowed.
   std::string longest = R"({"key":98})";
-  longest.resize(WindowLines::kLongestLine, ' ');
+  longest.resize(WindowLines::kMaxLineLength, ' ');
   EXPECT_EQ(lines.feed(longest + "\n").size(), 1U);
   EXPECT_EQ(lines.feed(" " + longest + "\n").size(), 0U);
   EXPECT_EQ(lines.refused(), 2U);

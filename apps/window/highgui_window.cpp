@@ -29,7 +29,7 @@ using Clock = std::chrono::steady_clock;
 
 [[noreturn]] void fail(const std::string& message) { throw Error(ErrorKind::kInput, message); }
 
-[[noreturn]] void fail_gone() { fail("the display went away; the window is closed"); }
+[[noreturn]] void fail_display_lost() { fail("the display went away; the window is closed"); }
 
 // --- a toolkit that ends the process ---
 
@@ -37,48 +37,49 @@ using Clock = std::chrono::steady_clock;
 // before each call. If one occurs during a call, these two functions at least print one line and
 // set the right exit status.
 
-volatile std::sig_atomic_t g_in_toolkit = 0;
+volatile std::sig_atomic_t g_is_in_toolkit = 0;
 
-void leave(const char* line) {
+void exit_with_line(const char* line) {
   [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, line, std::strlen(line));
   _exit(static_cast<int>(ExitStatus::kBadInput));
 }
 
 void on_abort(int) {
-  leave("tarsier: error: no display: the window toolkit cannot use it; give -o OUT\n");
+  exit_with_line("tarsier: error: no display: the window toolkit cannot use it; give -o OUT\n");
 }
 
 void on_exit() {
-  if (g_in_toolkit != 0) leave("tarsier: error: the display went away; the window is closed\n");
+  if (g_is_in_toolkit != 0)
+    exit_with_line("tarsier: error: the display went away; the window is closed\n");
 }
 
-class InToolkit {
+class ToolkitGuard {
  public:
-  InToolkit() : before_(g_in_toolkit) { g_in_toolkit = 1; }
-  ~InToolkit() { g_in_toolkit = before_; }
-  InToolkit(const InToolkit&) = delete;
-  InToolkit& operator=(const InToolkit&) = delete;
+  ToolkitGuard() : before_(g_is_in_toolkit) { g_is_in_toolkit = 1; }
+  ~ToolkitGuard() { g_is_in_toolkit = before_; }
+  ToolkitGuard(const ToolkitGuard&) = delete;
+  ToolkitGuard& operator=(const ToolkitGuard&) = delete;
 
  private:
   std::sig_atomic_t before_;
 };
 
-class AbortIsNoDisplay {
+class AbortHandler {
  public:
-  AbortIsNoDisplay() {
+  AbortHandler() {
     struct sigaction action {};
     action.sa_handler = on_abort;
     sigaction(SIGABRT, &action, &before_);
   }
-  ~AbortIsNoDisplay() { sigaction(SIGABRT, &before_, nullptr); }
-  AbortIsNoDisplay(const AbortIsNoDisplay&) = delete;
-  AbortIsNoDisplay& operator=(const AbortIsNoDisplay&) = delete;
+  ~AbortHandler() { sigaction(SIGABRT, &before_, nullptr); }
+  AbortHandler(const AbortHandler&) = delete;
+  AbortHandler& operator=(const AbortHandler&) = delete;
 
  private:
   struct sigaction before_ {};
 };
 
-bool wayland_answers() {
+bool wayland_responds() {
   const char* display = std::getenv("WAYLAND_DISPLAY");
   const char* folder = std::getenv("XDG_RUNTIME_DIR");
   if (display == nullptr || *display == '\0') return false;
@@ -116,7 +117,7 @@ void check_display() {
     // Through X even on a Wayland desktop, because X11Window handles the pointer and the keys.
     setenv("QT_QPA_PLATFORM", "xcb", 1);
     setenv("GDK_BACKEND", "x11", 1);
-  } else if (wayland_answers()) {
+  } else if (wayland_responds()) {
     setenv("QT_QPA_PLATFORM", "wayland", 1);
   } else {
     const char* display = std::getenv("DISPLAY");
@@ -130,7 +131,7 @@ void check_display() {
 
 // --- the window ---
 
-struct Bar {
+struct Trackbar {
   Slider slider;
   int position = 0;  // steps from slider.low
   [[nodiscard]] int steps() const {
@@ -151,9 +152,9 @@ class HighguiWindow final : public Window {
       : title_(options.title), fullscreen_(options.fullscreen), x11_(take_connection()) {
     for (const Slider& slider : options.sliders) {
       TARSIER_REQUIRE(slider.step > 0 && slider.high > slider.low, "slider '{}'", slider.name);
-      Bar bar{slider, 0};
+      Trackbar bar{slider, 0};
       bar.position = bar.position_of(slider.value);
-      bars_.push_back(bar);
+      trackbars_.push_back(bar);
     }
   }
 
@@ -216,20 +217,20 @@ class HighguiWindow final : public Window {
     destroy(old);
   }
 
-  void offer(const std::vector<Action>&, const std::vector<Slider>& sliders) override {
+  void set_controls(const std::vector<Action>&, const std::vector<Slider>& sliders) override {
     for (const Slider& slider : sliders) set_slider(slider.name, slider.value);
   }
 
  private:
   void set_slider(const std::string& name, double value) {
-    for (Bar& bar : bars_) {
+    for (Trackbar& bar : trackbars_) {
       if (bar.slider.name != name) continue;
       const int position = bar.position_of(value);
       if (position == bar.position) continue;
       bar.position = position;
-      if (has_bars_ && !closed_) {
+      if (has_trackbars_ && !closed_) {
         check_alive();
-        const InToolkit guard;
+        const ToolkitGuard guard;
         cv::setTrackbarPos(bar.slider.name, name_, position);
       }
     }
@@ -237,12 +238,12 @@ class HighguiWindow final : public Window {
 
   [[nodiscard]] bool is_alive() const { return x11_ == nullptr || x11_->alive(); }
   void check_alive() const {
-    if (!is_alive()) fail_gone();
+    if (!is_alive()) fail_display_lost();
   }
 
   void destroy(const std::string& name) {
     check_alive();
-    const InToolkit guard;
+    const ToolkitGuard guard;
     cv::destroyWindow(name);
     cv::waitKeyEx(1);
   }
@@ -252,7 +253,7 @@ class HighguiWindow final : public Window {
     check_alive();
     cv::Rect shown;
     {
-      const InToolkit guard;
+      const ToolkitGuard guard;
       shown = cv::getWindowImageRect(name_);
     }
     if (shown.width <= 0 || shown.height <= 0) return image_.size();
@@ -269,7 +270,7 @@ class HighguiWindow final : public Window {
 
   void run_toolkit() {
     check_alive();
-    const InToolkit guard;
+    const ToolkitGuard guard;
     const int code = cv::waitKeyEx(1);
     if (x11_ == nullptr && code > 0) {  // without an X server the last key is better than none
       const int low = code & 0xffff;
@@ -289,13 +290,13 @@ class HighguiWindow final : public Window {
     check_alive();
     name_ = fmt::format("tarsier-{}-{}", getpid(), ++number_);
     {
-      const InToolkit guard;
-      const AbortIsNoDisplay no_abort;
+      const ToolkitGuard guard;
+      const AbortHandler no_abort;
       cv::namedWindow(name_, cv::WINDOW_NORMAL | cv::WINDOW_FREERATIO | cv::WINDOW_GUI_NORMAL);
       cv::setMouseCallback(name_, on_mouse, this);
-      has_bars_ = !fullscreen_ && !bars_.empty();
-      if (has_bars_) {
-        for (const Bar& bar : bars_) {
+      has_trackbars_ = !fullscreen_ && !trackbars_.empty();
+      if (has_trackbars_) {
+        for (const Trackbar& bar : trackbars_) {
           cv::createTrackbar(bar.slider.name, name_, nullptr, bar.steps());
           cv::setTrackbarPos(bar.slider.name, name_, bar.position);
         }
@@ -308,7 +309,7 @@ class HighguiWindow final : public Window {
       run_toolkit();
     } while (x11_ != nullptr && !x11_->attach(name_) && Clock::now() < deadline);
     {
-      const InToolkit guard;
+      const ToolkitGuard guard;
       cv::setWindowTitle(name_, title_);
     }
     if (fullscreen_) {
@@ -321,19 +322,19 @@ class HighguiWindow final : public Window {
 
   void enter_fullscreen() {
     {
-      const InToolkit guard;
+      const ToolkitGuard guard;
       cv::setWindowProperty(name_, cv::WND_PROP_FULLSCREEN, cv::WINDOW_FULLSCREEN);
       cv::waitKeyEx(1);
     }
-    on_bare_screen_ = x11_ != nullptr && !x11_->has_window_manager();
-    if (on_bare_screen_) {
+    without_window_manager_ = x11_ != nullptr && !x11_->has_window_manager();
+    if (without_window_manager_) {
       cover_screen();
       wait_for_size(x11_->screen_size());
     }
   }
 
   // The toolkit asks the window manager for full screen. Without one (a kiosk) nothing happens.
-  void cover_screen() { x11_->place({{0, 0}, x11_->screen_size()}); }
+  void cover_screen() { x11_->set_geometry({{0, 0}, x11_->screen_size()}); }
 
   // The size arrives as an event. An image drawn before it would be stretched for a moment.
   void wait_for_size(cv::Size size) {
@@ -347,7 +348,7 @@ class HighguiWindow final : public Window {
     cv::Size window = natural_size_;
     for (int attempt = 0; attempt < 3; ++attempt) {  // sliders take some of the window
       {
-        const InToolkit guard;
+        const ToolkitGuard guard;
         cv::resizeWindow(name_, window.width, window.height);
       }
       wait_for_size(natural_size_);
@@ -363,7 +364,7 @@ class HighguiWindow final : public Window {
     if (image_.empty()) return;
     shown_size_ = view_size();
     compose(image_, shown_size_, canvas_);
-    const InToolkit guard;
+    const ToolkitGuard guard;
     cv::imshow(name_, canvas_);
   }
 
@@ -371,7 +372,7 @@ class HighguiWindow final : public Window {
     run_toolkit();
     check_alive();
     {
-      const InToolkit guard;
+      const ToolkitGuard guard;
       closed_ = cv::getWindowProperty(name_, cv::WND_PROP_VISIBLE) < 1;
     }
     if (x11_ != nullptr && !closed_) closed_ = x11_->destroyed();
@@ -381,13 +382,14 @@ class HighguiWindow final : public Window {
       if (fullscreen_) {
         x11_->hide_pointer(true);
         // A size set by the toolkit itself may still be pending.
-        const std::optional<cv::Rect> now = x11_->placement();
-        if (on_bare_screen_ && now && *now != cv::Rect({0, 0}, x11_->screen_size())) cover_screen();
+        const std::optional<cv::Rect> now = x11_->geometry();
+        if (without_window_manager_ && now && *now != cv::Rect({0, 0}, x11_->screen_size()))
+          cover_screen();
       }
     }
-    if (has_bars_) {
-      for (Bar& bar : bars_) {
-        const InToolkit guard;
+    if (has_trackbars_) {
+      for (Trackbar& bar : trackbars_) {
+        const ToolkitGuard guard;
         const int position = cv::getTrackbarPos(bar.slider.name, name_);
         if (position < 0 || position == bar.position) continue;
         bar.position = position;
@@ -460,11 +462,11 @@ class HighguiWindow final : public Window {
   std::string title_;
   bool fullscreen_;
   std::unique_ptr<X11Window> x11_;
-  std::vector<Bar> bars_;
+  std::vector<Trackbar> trackbars_;
   std::string name_;  // of highgui's window; empty: none yet
   int number_ = 0;
-  bool has_bars_ = false;
-  bool on_bare_screen_ = false;  // full screen without a window manager
+  bool has_trackbars_ = false;
+  bool without_window_manager_ = false;  // full screen without a window manager
   bool closed_ = false;
   cv::Mat image_;   // as given
   cv::Mat canvas_;  // as shown

@@ -108,7 +108,7 @@ bool shows_status() {
   return pipe().has_value();
 }
 
-bool takes_stages() {
+bool supports_stages() {
   // The variable exists until prepare() has read it.
   return is_set(kPipeVariable) || pipe().has_value();
 }

@@ -35,14 +35,15 @@ using Clock = std::chrono::steady_clock;
 using nlohmann::ordered_json;
 using std::chrono::milliseconds;
 
-constexpr int kQuality = 80;
-constexpr int kMaxSide = 16384;  // px, of images that are sent
-constexpr int kStageSide = 480;  // px, of stages
+constexpr int kDefaultQuality = 80;
+constexpr int kMaxSide = 16384;     // px, of images that are sent
+constexpr int kMaxStageSide = 480;  // px, of stages
 constexpr std::size_t kMaxStages = 32;
-constexpr int kPipeBytes = 1 << 20;        // requested from the system: most images fit at once
-constexpr milliseconds kFarewell{200};     // for the last state, when the window is closed
-constexpr std::chrono::seconds kQuiet{1};  // between two warnings
-constexpr std::size_t kReadBytes = 64U << 10U;  // per read, so that a flood cannot delay the frames
+constexpr int kPipeBytes = 1 << 20;         // requested from the system: most images fit at once
+constexpr milliseconds kCloseTimeout{200};  // for the last state, when the window is closed
+constexpr std::chrono::seconds kWarningInterval{1};  // between two warnings
+constexpr std::size_t kMaxReadBytes = 64U
+                                      << 10U;  // per read, so that a flood cannot delay the frames
 
 // --- records ---
 
@@ -80,14 +81,14 @@ ordered_json hello_json(const std::string& title, const std::vector<Action>& act
   return json;
 }
 
-bool same(const std::vector<Action>& a, const std::vector<Action>& b) {
+bool have_same_definitions(const std::vector<Action>& a, const std::vector<Action>& b) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const Action& x, const Action& y) {
     return x.name == y.name && x.help == y.help && x.key == y.key;
   });
 }
 
 // Equal except for the values.
-bool same(const std::vector<Slider>& a, const std::vector<Slider>& b) {
+bool have_same_definitions(const std::vector<Slider>& a, const std::vector<Slider>& b) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const Slider& x, const Slider& y) {
     return x.name == y.name && x.low == y.low && x.high == y.high && x.step == y.step;
   });
@@ -128,8 +129,8 @@ class PipeWindow final : public Window {
 
   ~PipeWindow() override {
     try {
-      const Clock::time_point end = Clock::now() + kFarewell;
-      while (!closed_ && has_something() && Clock::now() < end) wait(milliseconds(10));
+      const Clock::time_point end = Clock::now() + kCloseTimeout;
+      while (!closed_ && has_pending_output() && Clock::now() < end) wait(milliseconds(10));
     } catch (const std::exception&) {  // there is nobody to report it to
     }
     ::close(ends_.in);
@@ -157,13 +158,13 @@ class PipeWindow final : public Window {
     const Clock::time_point deadline = Clock::now() + timeout;
     while (!closed_) {
       advance();
-      take_lines();
+      read_lines();
       if (!events_.empty() || closed_) break;
       const auto left = std::chrono::ceil<milliseconds>(deadline - Clock::now());
       if (left <= milliseconds(0)) break;
       wait(left);
     }
-    handed_out_ = received_;
+    delivered_ = received_;
     return std::exchange(events_, {});
   }
 
@@ -171,8 +172,10 @@ class PipeWindow final : public Window {
   void set_fullscreen(bool on) override { fullscreen_ = on; }
   [[nodiscard]] bool fullscreen() const override { return fullscreen_; }
 
-  void offer(const std::vector<Action>& actions, const std::vector<Slider>& sliders) override {
-    const bool is_same = same(actions, actions_) && same(sliders, sliders_);
+  void set_controls(const std::vector<Action>& actions,
+                    const std::vector<Slider>& sliders) override {
+    const bool is_same =
+        have_same_definitions(actions, actions_) && have_same_definitions(sliders, sliders_);
     actions_ = actions;
     sliders_ = sliders;
     if (is_same || closed_) return;
@@ -180,7 +183,7 @@ class PipeWindow final : public Window {
     advance();
   }
 
-  [[nodiscard]] bool wants_stages() const override { return wants_stages_ && !closed_; }
+  [[nodiscard]] bool wants_stages() const override { return stages_requested_ && !closed_; }
 
   void show_stages(const std::vector<Stage>& stages) override {
     stages_.clear();
@@ -189,8 +192,8 @@ class PipeWindow final : public Window {
       if (stage.image.empty()) continue;
       const int side = std::max(stage.image.cols, stage.image.rows);
       Stage small{stage.name, {}};
-      if (side > kStageSide) {
-        const double scale = static_cast<double>(kStageSide) / side;
+      if (side > kMaxStageSide) {
+        const double scale = static_cast<double>(kMaxStageSide) / side;
         cv::resize(stage.image, small.image,
                    {std::max(1, cvRound(stage.image.cols * scale)),
                     std::max(1, cvRound(stage.image.rows * scale))},
@@ -206,7 +209,7 @@ class PipeWindow final : public Window {
  private:
   // --- out ---
 
-  [[nodiscard]] cv::Size sent_size() const {
+  [[nodiscard]] cv::Size size_to_send() const {
     if (image_.empty()) return {};
     double scale = 1;
     if (max_width_ > 0) scale = std::min(scale, static_cast<double>(max_width_) / image_.cols);
@@ -216,7 +219,7 @@ class PipeWindow final : public Window {
   }
 
   [[nodiscard]] ordered_json state_json(const View& view, const FrameInfo* frame) const {
-    const cv::Size size = sent_size();
+    const cv::Size size = size_to_send();
     ordered_json json{{"status", view.status},
                       {"state", view.state.is_null() ? nlohmann::json::object() : view.state},
                       {"frame", nullptr},
@@ -225,7 +228,7 @@ class PipeWindow final : public Window {
                       {"fullscreen", fullscreen_},
                       {"width", size.width},
                       {"height", size.height},
-                      {"events", handed_out_}};
+                      {"events", delivered_}};
     if (frame != nullptr) {
       json["frame"] = {{"index", frame->index},   {"time", std::round(frame->time * 1e6) / 1e6},
                        {"name", frame->name},     {"age_ms", milliseconds_since(frame->captured)},
@@ -237,7 +240,7 @@ class PipeWindow final : public Window {
 
   // The newest image as a record; empty if it cannot be encoded.
   std::vector<std::uint8_t> image_record() {
-    const cv::Size size = sent_size();
+    const cv::Size size = size_to_send();
     const std::uint32_t age = milliseconds_since(captured_);
     std::vector<std::uint8_t> bytes;
     try {
@@ -255,8 +258,8 @@ class PipeWindow final : public Window {
       warn(error.what());
       return {};
     }
-    shown_ = image_.size();
-    sent_ = size;
+    sent_image_size_ = image_.size();
+    sent_size_ = size;
     return bytes;
   }
 
@@ -266,7 +269,7 @@ class PipeWindow final : public Window {
     for (const Stage& stage : stages_) {
       try {
         const std::vector<std::uint8_t> jpeg =
-            encode_image(".jpg", stage.image, "a stage's image", kQuality);
+            encode_image(".jpg", stage.image, "a stage's image", kDefaultQuality);
         list.push_back({{"name", stage.name},
                         {"width", stage.image.cols},
                         {"height", stage.image.rows},
@@ -288,16 +291,16 @@ class PipeWindow final : public Window {
     return bytes;
   }
 
-  [[nodiscard]] bool are_stages_due() const { return wants_stages_ && !stages_.empty(); }
-  [[nodiscard]] bool is_image_due() const { return wanted_ && is_new_ && !image_.empty(); }
-  [[nodiscard]] bool has_something() const {
+  [[nodiscard]] bool are_stages_due() const { return stages_requested_ && !stages_.empty(); }
+  [[nodiscard]] bool is_image_due() const { return image_requested_ && is_new_ && !image_.empty(); }
+  [[nodiscard]] bool has_pending_output() const {
     return !writing_.empty() || !hello_.empty() || !state_.empty() || is_image_due() ||
            are_stages_due();
   }
 
   // Writes as much as the other side accepts now.
   void advance() {
-    while (!closed_ && has_something()) {
+    while (!closed_ && has_pending_output()) {
       if (writing_.empty()) {
         written_ = 0;
         if (!hello_.empty()) {
@@ -306,10 +309,10 @@ class PipeWindow final : public Window {
           writing_ = std::exchange(state_, {});
         } else if (are_stages_due()) {
           writing_ = stages_record();
-          wants_stages_ = false;
+          stages_requested_ = false;
           stages_.clear();
         } else {
-          wanted_ = is_new_ = false;
+          image_requested_ = is_new_ = false;
           writing_ = image_record();
           continue;
         }
@@ -344,15 +347,16 @@ class PipeWindow final : public Window {
   // Waits until there is input, or space for the pending record.
   void wait(milliseconds timeout) {
     std::array<pollfd, 2> items{
-        {{ends_.in, POLLIN, 0}, {ends_.out, static_cast<short>(has_something() ? POLLOUT : 0), 0}}};
+        {{ends_.in, POLLIN, 0},
+         {ends_.out, static_cast<short>(has_pending_output() ? POLLOUT : 0), 0}}};
     if (::poll(items.data(), items.size(), static_cast<int>(timeout.count())) <= 0) return;
     if ((items[1].revents & (POLLERR | POLLNVAL)) != 0) closed_ = true;
     if ((items[1].revents & POLLOUT) != 0) advance();
   }
 
-  void take_lines() {
+  void read_lines() {
     if (closed_) return;
-    buffer_.resize(kReadBytes);
+    buffer_.resize(kMaxReadBytes);
     const ssize_t count = ::read(ends_.in, buffer_.data(), buffer_.size());
     if (count < 0 && (errno == EINTR || errno == EAGAIN || errno == EWOULDBLOCK)) return;
     if (count <= 0) {
@@ -364,15 +368,15 @@ class PipeWindow final : public Window {
          lines_.feed(std::string_view(buffer_.data(), static_cast<std::size_t>(count))))
       take(line);
     received_ += lines_.refused() - refused;
-    if (lines_.refused() != refused) warn("a line is passed over: " + lines_.trouble());
+    if (lines_.refused() != refused) warn("a line is passed over: " + lines_.last_error());
     // An image requested together with an event must show the event's effect.
     if (events_.empty()) advance();
   }
 
   void take(WindowLine& line) {
     if (line.close) closed_ = true;
-    if (line.want) wanted_ = *line.want;
-    if (line.stages) wants_stages_ = *line.stages && has_stages_;
+    if (line.want) image_requested_ = *line.want;
+    if (line.stages) stages_requested_ = *line.stages && has_stages_;
     const bool changes = (line.quality && *line.quality != quality_) ||
                          (line.max_width && *line.max_width != max_width_);
     quality_ = line.quality.value_or(quality_);
@@ -383,8 +387,8 @@ class PipeWindow final : public Window {
     Event& event = *line.event;
     if (event.kind == Event::Kind::kMouse) {
       // If no image was requested yet, the size of the one that would be sent.
-      cv::Size from = sent_.empty() ? sent_size() : sent_;
-      const cv::Size to = sent_.empty() ? image_.size() : shown_;
+      cv::Size from = sent_size_.empty() ? size_to_send() : sent_size_;
+      const cv::Size to = sent_size_.empty() ? image_.size() : sent_image_size_;
       if (line.image_width && !from.empty()) {
         const double ratio = static_cast<double>(*line.image_width) / to.width;
         from = {*line.image_width, std::max(1, cvRound(to.height * ratio))};
@@ -410,11 +414,11 @@ class PipeWindow final : public Window {
     }
   }
 
-  void warn(const std::string& trouble) {
+  void warn(const std::string& warning) {
     const Clock::time_point now = Clock::now();
-    if (warned_ && now - *warned_ < kQuiet) return;
+    if (warned_ && now - *warned_ < kWarningInterval) return;
     warned_ = now;
-    log_warning("window: {}", trouble);
+    log_warning("window: {}", warning);
   }
 
   const PipeEnds ends_;
@@ -436,12 +440,12 @@ class PipeWindow final : public Window {
   cv::Mat image_;  // the newest
   cv::Mat scaled_;
   bool is_new_ = false;  // and not sent yet
-  bool wanted_ = false;
+  bool image_requested_ = false;
   std::vector<Stage> stages_;  // of the newest frame, not sent yet
-  bool wants_stages_ = false;
+  bool stages_requested_ = false;
   std::uint32_t frame_number_ = 0;
   std::optional<Clock::time_point> captured_;
-  int quality_ = kQuality;
+  int quality_ = kDefaultQuality;
   int max_width_ = 0;
 
   // Input.
@@ -450,9 +454,9 @@ class PipeWindow final : public Window {
   std::vector<Event> events_;
   std::uint64_t received_ = 0;  // events and skipped lines
   // number of them that the session got; the next view includes their effect
-  std::uint64_t handed_out_ = 0;
-  cv::Size shown_;  // size of the last sent image
-  cv::Size sent_;   // the size in which it was sent
+  std::uint64_t delivered_ = 0;
+  cv::Size sent_image_size_;  // size of the last sent image
+  cv::Size sent_size_;        // the size in which it was sent
   std::optional<Clock::time_point> warned_;
 };
 

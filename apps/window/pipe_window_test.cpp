@@ -61,8 +61,8 @@ class PipeWindowTest : public ::testing::Test {
   }
   ~PipeWindowTest() override {
     window_.reset();
-    hang_up(to_);
-    hang_up(from_);
+    close_fd(to_window_);
+    close_fd(from_window_);
   }
 
   const ScopedLogLevel log_level_{LogLevel::kOff};
@@ -72,18 +72,18 @@ class PipeWindowTest : public ::testing::Test {
     std::array<int, 2> out{};
     ASSERT_EQ(::pipe(in.data()), 0);
     ASSERT_EQ(::pipe(out.data()), 0);
-    to_ = in[1];
-    from_ = out[0];
-    ::fcntl(from_, F_SETFL, O_NONBLOCK);
+    to_window_ = in[1];
+    from_window_ = out[0];
+    ::fcntl(from_window_, F_SETFL, O_NONBLOCK);
     if (options.title.empty()) options.title = "Tarsier test";
     window_ = make_pipe_window({in[0], out[1]}, options);
   }
-  static void hang_up(int& fd) {
+  static void close_fd(int& fd) {
     if (fd >= 0) ::close(std::exchange(fd, -1));
   }
 
-  void say(const std::string& lines) const {
-    ASSERT_EQ(::write(to_, lines.data(), lines.size()), static_cast<ssize_t>(lines.size()));
+  void send(const std::string& lines) const {
+    ASSERT_EQ(::write(to_window_, lines.data(), lines.size()), static_cast<ssize_t>(lines.size()));
   }
   std::vector<Event> events() { return window_->poll(milliseconds(0)); }
 
@@ -91,7 +91,7 @@ class PipeWindowTest : public ::testing::Test {
   std::vector<Record> records() {
     std::array<char, 65536> buffer{};
     ssize_t count = 0;
-    while ((count = ::read(from_, buffer.data(), buffer.size())) > 0)
+    while ((count = ::read(from_window_, buffer.data(), buffer.size())) > 0)
       bytes_.append(buffer.data(), static_cast<std::size_t>(count));
     std::vector<Record> result;
     while (bytes_.size() >= 4) {
@@ -127,13 +127,13 @@ class PipeWindowTest : public ::testing::Test {
   }
   static int value_of(const cv::Mat& image) { return image.at<cv::Vec3b>(5, 5)[1]; }
 
-  int to_ = -1;
-  int from_ = -1;
+  int to_window_ = -1;
+  int from_window_ = -1;
   std::string bytes_;
   std::unique_ptr<Window> window_;
 };
 
-TEST_F(PipeWindowTest, BeginsWithWhatCanBeDone) {
+TEST_F(PipeWindowTest, StartsWithActionsAndSliders) {
   open({"Tarsier test", false, {{"threshold", 0, 255, 1, 60}}, {{"sketch", "pencil", 's'}}});
   const std::vector<Record> first = records();
   ASSERT_EQ(kinds(first), "H");
@@ -141,16 +141,17 @@ TEST_F(PipeWindowTest, BeginsWithWhatCanBeDone) {
       "actions":[{"name":"sketch","help":"pencil","key":115}],
       "sliders":[{"name":"threshold","low":0,"high":255,"step":1,"value":60}],"stages":false})"));
   // Values alone come with the state; other names and limits are another hello.
-  window_->offer({{"sketch", "pencil", 's'}}, {{"threshold", 0, 255, 1, 61}});
+  window_->set_controls({{"sketch", "pencil", 's'}}, {{"threshold", 0, 255, 1, 61}});
   EXPECT_EQ(kinds(records()), "");
-  window_->offer({{"sketch", "pencil", 's'}, {"paint", "", 'p'}}, {{"threshold", 0, 9, 1, 5}});
+  window_->set_controls({{"sketch", "pencil", 's'}, {"paint", "", 'p'}},
+                        {{"threshold", 0, 9, 1, 5}});
   const std::vector<Record> second = records();
   ASSERT_EQ(kinds(second), "H");
   EXPECT_EQ(second[0].parsed()["actions"].size(), 2U);
   EXPECT_EQ(second[0].parsed()["sliders"][0]["high"], 9);
 }
 
-TEST_F(PipeWindowTest, AStateComesWithEachView) {
+TEST_F(PipeWindowTest, SendsAStateWithEachView) {
   open({"", false, {{"threshold", 0, 255, 1, 60}}, {}});
   const FrameInfo info = frame(7);
   window_->show(view(10), &info);
@@ -174,11 +175,12 @@ TEST_F(PipeWindowTest, AStateComesWithEachView) {
   EXPECT_EQ(kinds(records()), "S");
 }
 
-TEST_F(PipeWindowTest, AStateTellsHowManyEventsWereHandled) {
+TEST_F(PipeWindowTest, StateCountsHandledEvents) {
   open({"", false, {}, {{"sketch", "", 's'}}});
   window_->show(view(10), nullptr);
   (void)records();
-  say("{\"key\":115}\n{\"action\":\"sketch\"}\n{\"action\":\"unknown\"}\n{\"want\":0}\n{\"key\":-1}"
+  send(
+      "{\"key\":115}\n{\"action\":\"sketch\"}\n{\"action\":\"unknown\"}\n{\"want\":0}\n{\"key\":-1}"
       "\n");
   EXPECT_EQ(window_->poll(milliseconds(1000)).size(), 2U);
   EXPECT_EQ(kinds(records()), "") << "the session has not handled them yet";
@@ -188,12 +190,12 @@ TEST_F(PipeWindowTest, AStateTellsHowManyEventsWereHandled) {
   EXPECT_EQ(got[0].parsed()["events"], 4) << "what is passed over counts, too";
 }
 
-TEST_F(PipeWindowTest, AnImageForEachThatIsWantedAndNoneTwice) {
+TEST_F(PipeWindowTest, SendsOneNewImagePerRequest) {
   open();
   const FrameInfo first = frame(1);
   window_->show(view(10), &first);
   EXPECT_EQ(kinds(records()), "HS") << "nobody wants an image";
-  say("{\"want\":1}\n{\"want\":1}\n{\"want\":5}\n");
+  send("{\"want\":1}\n{\"want\":1}\n{\"want\":5}\n");
   EXPECT_THAT(events(), IsEmpty());
   std::vector<Record> got = records();
   ASSERT_EQ(kinds(got), "J") << "at once, the newest";
@@ -205,32 +207,32 @@ TEST_F(PipeWindowTest, AnImageForEachThatIsWantedAndNoneTwice) {
   EXPECT_EQ(kinds(records()), "S") << "what is wanted does not add up";
   const FrameInfo third = frame(3);
   window_->show(view(30), &third);
-  say("{\"want\":1}\n");
+  send("{\"want\":1}\n");
   EXPECT_THAT(events(), IsEmpty());
   got = records();
   ASSERT_EQ(kinds(got), "SJ");
   EXPECT_EQ(got[1].number(0), 3U) << "the newest";
   EXPECT_NEAR(value_of(got[1].image()), 30, 2);
-  say("{\"want\":1}\n");
+  send("{\"want\":1}\n");
   EXPECT_THAT(events(), IsEmpty());
   EXPECT_EQ(kinds(records()), "") << "none is newer";
   window_->show(View(), nullptr);
   EXPECT_EQ(kinds(records()), "S") << "a view without an image is none";
   window_->show(view(40), &third);
   EXPECT_EQ(kinds(records()), "SJ") << "wanted before it was there";
-  say("{\"want\":1}\n{\"want\":0}\n");
+  send("{\"want\":1}\n{\"want\":0}\n");
   EXPECT_THAT(events(), IsEmpty());
   window_->show(view(50), &third);
   EXPECT_EQ(kinds(records()), "S") << "wanted no more";
 }
 
-TEST_F(PipeWindowTest, TheAgeIsThatOfTheFrameWhenItIsSent) {
+TEST_F(PipeWindowTest, SendsTheAgeOfTheFrame) {
   open();
   FrameInfo info = frame(1);
   info.captured = Clock::now() - milliseconds(1500);
   info.source = "live";
   window_->show(view(10), &info);
-  say("{\"want\":1}\n");
+  send("{\"want\":1}\n");
   (void)events();
   const std::vector<Record> got = records();
   ASSERT_EQ(kinds(got), "HSJ");
@@ -238,9 +240,9 @@ TEST_F(PipeWindowTest, TheAgeIsThatOfTheFrameWhenItIsSent) {
   EXPECT_GE(got[2].number(4), 1500U);
 }
 
-TEST_F(PipeWindowTest, AReaderThatDoesNotReadHoldsUpNothingAndGetsTheNewest) {
+TEST_F(PipeWindowTest, SlowReaderDoesNotBlockAndGetsTheNewestImage) {
   open();
-  say("{\"want\":1}\n");
+  send("{\"want\":1}\n");
   (void)events();
   // Of noise, so that a JPEG is larger than any pipe.
   View large = view(0, {2400, 1600});
@@ -252,7 +254,7 @@ TEST_F(PipeWindowTest, AReaderThatDoesNotReadHoldsUpNothingAndGetsTheNewest) {
     View next = view(i % 200);
     next.state["filling"] = std::string(10'000, 'x');
     window_->show(next, &info);
-    if (i % 50 == 0) say("{\"want\":1}\n");
+    if (i % 50 == 0) send("{\"want\":1}\n");
     EXPECT_THAT(events(), IsEmpty());
     EXPECT_FALSE(window_->closed());
   }
@@ -269,12 +271,13 @@ TEST_F(PipeWindowTest, AReaderThatDoesNotReadHoldsUpNothingAndGetsTheNewest) {
   EXPECT_EQ(got[4].number(0), 300U);
 }
 
-TEST_F(PipeWindowTest, EventsComeInTheirOrderAndMovesAreJoined) {
+TEST_F(PipeWindowTest, KeepsTheOrderOfEventsAndMergesMouseMoves) {
   open({"", false, {{"threshold", 0, 255, 1, 60}}, {{"sketch", "", 's'}}});
   window_->show(view(10), nullptr);
-  say("{\"want\":1}\n");
+  send("{\"want\":1}\n");
   (void)events();
-  say("{\"key\":115,\"shift\":true}\n{\"mouse\":\"move\",\"x\":1,\"y\":2}\n"
+  send(
+      "{\"key\":115,\"shift\":true}\n{\"mouse\":\"move\",\"x\":1,\"y\":2}\n"
       "{\"mouse\":\"move\",\"x\":3,\"y\":4}\n{\"mouse\":\"left-down\",\"x\":3,\"y\":4}\n"
       "{\"mouse\":\"move\",\"x\":5,\"y\":6}\n{\"action\":\"sketch\"}\n"
       "{\"slider\":\"threshold\",\"value\":999}\n");
@@ -289,23 +292,23 @@ TEST_F(PipeWindowTest, EventsComeInTheirOrderAndMovesAreJoined) {
   EXPECT_EQ(got[5].value, 255) << "held within its limits";
 }
 
-TEST_F(PipeWindowTest, MousePositionsAreOfTheImageThatWasSent) {
+TEST_F(PipeWindowTest, ScalesMousePositionsFromTheLastSentImage) {
   open();
-  say("{\"mouse\":\"left-down\",\"x\":1,\"y\":2}\n");
+  send("{\"mouse\":\"left-down\",\"x\":1,\"y\":2}\n");
   EXPECT_THAT(events(), IsEmpty()) << "there is no image to point at";
   window_->show(view(10, {800, 600}), nullptr);
   // A program may know the state's size alone, and never ask for an image.
-  say("{\"max_width\":400}\n{\"mouse\":\"left-down\",\"x\":0,\"y\":299}\n");
+  send("{\"max_width\":400}\n{\"mouse\":\"left-down\",\"x\":0,\"y\":299}\n");
   const std::vector<Event> unseen = events();
   ASSERT_EQ(unseen.size(), 1U);
   EXPECT_DOUBLE_EQ(unseen[0].x, 0.5);
   EXPECT_DOUBLE_EQ(unseen[0].y, 598.5);
-  say("{\"max_width\":200,\"want\":1}\n");
+  send("{\"max_width\":200,\"want\":1}\n");
   (void)events();
   const std::vector<Record> got = records();
   ASSERT_EQ(kinds(got), "HSJ");
   EXPECT_EQ(got[2].image().size(), cv::Size(200, 150));
-  say("{\"mouse\":\"left-down\",\"x\":0,\"y\":0}\n{\"mouse\":\"left-up\",\"x\":199,\"y\":149}\n");
+  send("{\"mouse\":\"left-down\",\"x\":0,\"y\":0}\n{\"mouse\":\"left-up\",\"x\":199,\"y\":149}\n");
   std::vector<Event> mouse = events();
   ASSERT_EQ(mouse.size(), 2U);
   EXPECT_DOUBLE_EQ(mouse[0].x, 1.5) << "the middle of four pixels";
@@ -313,41 +316,41 @@ TEST_F(PipeWindowTest, MousePositionsAreOfTheImageThatWasSent) {
   EXPECT_DOUBLE_EQ(mouse[1].x, 797.5);
   EXPECT_DOUBLE_EQ(mouse[1].y, 597.5);
   // Until another image is sent, positions are of the old one.
-  say("{\"max_width\":0}\n{\"mouse\":\"left-down\",\"x\":199,\"y\":149}\n");
+  send("{\"max_width\":0}\n{\"mouse\":\"left-down\",\"x\":199,\"y\":149}\n");
   mouse = events();
   ASSERT_EQ(mouse.size(), 1U);
   EXPECT_DOUBLE_EQ(mouse[0].x, 797.5);
-  say("{\"want\":1}\n");
+  send("{\"want\":1}\n");
   (void)events();
   const std::vector<Record> whole = records();
   ASSERT_EQ(kinds(whole), "J") << "the same image in another size is another image";
   EXPECT_EQ(whole[0].image().size(), cv::Size(800, 600));
-  say("{\"mouse\":\"left-down\",\"x\":199,\"y\":149}\n");
+  send("{\"mouse\":\"left-down\",\"x\":199,\"y\":149}\n");
   mouse = events();
   ASSERT_EQ(mouse.size(), 1U);
   EXPECT_DOUBLE_EQ(mouse[0].x, 199);
 }
 
-TEST_F(PipeWindowTest, AMousePositionMayTellTheSizeOfItsImage) {
+TEST_F(PipeWindowTest, ScalesMousePositionsFromTheGivenWidth) {
   open();
   window_->show(view(10, {800, 600}), nullptr);
-  say("{\"max_width\":200,\"want\":1}\n");
+  send("{\"max_width\":200,\"want\":1}\n");
   (void)events();
   // An image of 400 px was clicked on while one of 200 px was on its way.
-  say("{\"mouse\":\"left-down\",\"x\":399,\"y\":299,\"width\":400}\n");
+  send("{\"mouse\":\"left-down\",\"x\":399,\"y\":299,\"width\":400}\n");
   const std::vector<Event> mouse = events();
   ASSERT_EQ(mouse.size(), 1U);
   EXPECT_DOUBLE_EQ(mouse[0].x, 798.5);
   EXPECT_DOUBLE_EQ(mouse[0].y, 598.5);
 }
 
-TEST_F(PipeWindowTest, StagesComeWhereTheyAreWanted) {
+TEST_F(PipeWindowTest, SendsStagesOnRequest) {
   WindowOptions options;
   options.stages = true;
   open(options);
   EXPECT_EQ(records().at(0).parsed()["stages"], true);
   EXPECT_FALSE(window_->wants_stages());
-  say("{\"stages\":1}\n{\"stages\":1}\n");
+  send("{\"stages\":1}\n{\"stages\":1}\n");
   (void)events();
   EXPECT_TRUE(window_->wants_stages());
   EXPECT_EQ(kinds(records()), "") << "the next frame has them";
@@ -374,22 +377,22 @@ TEST_F(PipeWindowTest, StagesComeWhereTheyAreWanted) {
   EXPECT_FALSE(window_->wants_stages()) << "they do not add up";
   window_->show_stages({{"edges", wide}});
   EXPECT_EQ(kinds(records()), "") << "nobody wants them";
-  say("{\"stages\":1}\n");  // those of a still that stays
+  send("{\"stages\":1}\n");  // those of a still that stays
   (void)events();
   EXPECT_EQ(kinds(records()), "D");
 }
 
-TEST_F(PipeWindowTest, ASessionWithoutStagesIsNotAskedForThem) {
+TEST_F(PipeWindowTest, IgnoresStageRequestsWithoutStages) {
   open();
-  say("{\"stages\":1}\n");
+  send("{\"stages\":1}\n");
   (void)events();
   EXPECT_FALSE(window_->wants_stages());
 }
 
-TEST_F(PipeWindowTest, WhatIsWantedWithAnEventIsWhatTheEventMakes) {
+TEST_F(PipeWindowTest, ImageRequestedWithAnEventShowsItsResult) {
   open();
   window_->show(view(10), nullptr);
-  say("{\"key\":97}\n{\"want\":1}\n");
+  send("{\"key\":97}\n{\"want\":1}\n");
   EXPECT_EQ(events().size(), 1U);
   EXPECT_EQ(kinds(records()), "HS");
   window_->show(view(20), nullptr);
@@ -398,86 +401,86 @@ TEST_F(PipeWindowTest, WhatIsWantedWithAnEventIsWhatTheEventMakes) {
   EXPECT_NEAR(value_of(got[1].image()), 20, 2);
 }
 
-TEST_F(PipeWindowTest, QualityIsThatOfTheJpeg) {
+TEST_F(PipeWindowTest, QualitySetsTheJpegQuality) {
   open();
   View noise = view(0, {320, 240});
   cv::randu(noise.image, 0, 255);
   const auto size_at = [&](int quality) {
     window_->show(noise, nullptr);
-    say("{\"quality\":" + std::to_string(quality) + ",\"want\":1}\n");
+    send("{\"quality\":" + std::to_string(quality) + ",\"want\":1}\n");
     (void)events();
     return records().back().payload.size();
   };
   EXPECT_LT(2 * size_at(20), size_at(95));
 }
 
-TEST_F(PipeWindowTest, WhatIsWrongIsPassedOver) {
+TEST_F(PipeWindowTest, SkipsInvalidLines) {
   open({"", false, {}, {{"sketch", "", 's'}}});
-  say("nonsense\n{\"key\":\"s\"}\n{\"action\":\"other\"}\n{\"slider\":\"none\",\"value\":1}\n\n" +
-      std::string(1, '\0') + "\n{\"action\":\"sketch\"}\n");
+  send("nonsense\n{\"key\":\"s\"}\n{\"action\":\"other\"}\n{\"slider\":\"none\",\"value\":1}\n\n" +
+       std::string(1, '\0') + "\n{\"action\":\"sketch\"}\n");
   const std::vector<Event> got = events();
   ASSERT_EQ(got.size(), 1U);
   EXPECT_EQ(got[0].name, "sketch");
-  say(std::string(60'000, '{'));
+  send(std::string(60'000, '{'));
   EXPECT_THAT(events(), IsEmpty());
-  say(std::string(10'000, '{') + "\n{\"key\":97}\n");
+  send(std::string(10'000, '{') + "\n{\"key\":97}\n");
   EXPECT_EQ(events().size(), 1U);
   EXPECT_FALSE(window_->closed());
 }
 
-TEST_F(PipeWindowTest, AWarningASecondAtMost) {
+TEST_F(PipeWindowTest, WarnsAtMostOnceASecond) {
   open();
   const ScopedLogLevel warnings(LogLevel::kWarning);
   ::testing::internal::CaptureStderr();
   for (int i = 0; i < 200; ++i) {
-    say("nonsense\n");
+    send("nonsense\n");
     (void)events();
   }
-  const std::string said = ::testing::internal::GetCapturedStderr();
-  EXPECT_THAT(said, HasSubstr("window: a line is passed over"));
-  EXPECT_LE(std::count(said.begin(), said.end(), '\n'), 5) << said;
+  const std::string log = ::testing::internal::GetCapturedStderr();
+  EXPECT_THAT(log, HasSubstr("window: a line is passed over"));
+  EXPECT_LE(std::count(log.begin(), log.end(), '\n'), 5) << log;
 }
 
-TEST_F(PipeWindowTest, IsClosedByALineOrByEitherEnd) {
+TEST_F(PipeWindowTest, ClosesOnRequestAndWhenEitherEndCloses) {
   for (const int how : {0, 1, 2}) {
     open();
     window_->show(view(10), nullptr);
     EXPECT_FALSE(window_->closed());
-    if (how == 0) say("{\"close\":true}\n");
-    if (how == 1) hang_up(to_);
-    if (how == 2) hang_up(from_);
+    if (how == 0) send("{\"close\":true}\n");
+    if (how == 1) close_fd(to_window_);
+    if (how == 2) close_fd(from_window_);
     EXPECT_THAT(window_->poll(milliseconds(2000)), IsEmpty()) << how;
     EXPECT_TRUE(window_->closed()) << how;
     window_->show(view(20), nullptr);
     EXPECT_THAT(window_->poll(milliseconds(0)), IsEmpty());
     window_.reset();
-    hang_up(to_);
-    hang_up(from_);
+    close_fd(to_window_);
+    close_fd(from_window_);
     bytes_.clear();
   }
 }
 
-TEST_F(PipeWindowTest, ShowingToAReaderThatWentAwayClosesIt) {
+TEST_F(PipeWindowTest, ClosesWhenTheReaderIsGone) {
   open();
-  hang_up(from_);
+  close_fd(from_window_);
   window_->show(view(10), nullptr);
   EXPECT_TRUE(window_->closed());
 }
 
-TEST_F(PipeWindowTest, PollWaitsForSomethingToDo) {
+TEST_F(PipeWindowTest, PollWaitsForInput) {
   open();
   const auto begin = Clock::now();
   EXPECT_THAT(window_->poll(milliseconds(30)), IsEmpty());
   EXPECT_GE(Clock::now() - begin, milliseconds(30));
-  say("{\"key\":97}\n");
+  send("{\"key\":97}\n");
   EXPECT_EQ(window_->poll(std::chrono::minutes(5)).size(), 1U);
 }
 
-TEST_F(PipeWindowTest, WhatIsLeftIsSentWhenItEnds) {
+TEST_F(PipeWindowTest, SendsPendingRecordsAtTheEnd) {
   open();
   View large = view(0, {2400, 1600});
   cv::randu(large.image, 0, 255);
-  say("{\"want\":1}\n");
+  send("{\"want\":1}\n");
   (void)events();
   window_->show(large, nullptr);
   View last = view(3);
@@ -496,22 +499,22 @@ TEST_F(PipeWindowTest, WhatIsLeftIsSentWhenItEnds) {
   EXPECT_EQ(kinds_so_far, "HSJS");
 }
 
-TEST_F(PipeWindowTest, OneSocketMayBeBothEnds) {
+TEST_F(PipeWindowTest, AcceptsOneSocketForBothEnds) {
   std::array<int, 2> ends{};
   ASSERT_EQ(::socketpair(AF_UNIX, SOCK_STREAM, 0, ends.data()), 0);
   window_ = make_pipe_window({ends[0], ends[0]}, {"Tarsier test", false, {}, {}});
-  to_ = ends[1];
-  from_ = ::dup(ends[1]);
-  ::fcntl(from_, F_SETFL, O_NONBLOCK);
+  to_window_ = ends[1];
+  from_window_ = ::dup(ends[1]);
+  ::fcntl(from_window_, F_SETFL, O_NONBLOCK);
   window_->show(view(10), nullptr);
-  say("{\"want\":1}\n{\"key\":97}\n");
+  send("{\"want\":1}\n{\"key\":97}\n");
   EXPECT_EQ(window_->poll(std::chrono::minutes(5)).size(), 1U);
   EXPECT_THAT(events(), IsEmpty());
   EXPECT_EQ(kinds(records()), "HSJ");
   EXPECT_EQ(::fcntl(ends[0], F_GETFD), FD_CLOEXEC) << "programs that are started do not get it";
 }
 
-TEST(PipeEnds, AreCheckedBeforeTheyAreUsed) {
+TEST(PipeEnds, RefusesInvalidOrClosedDescriptors) {
   std::array<int, 2> ends{};
   ASSERT_EQ(::pipe(ends.data()), 0);
   const std::string good = "pipe:" + std::to_string(ends[0]) + ":" + std::to_string(ends[1]);

@@ -64,7 +64,8 @@ class Window {
 
   // Sets the session's current actions and sliders, without an event. A window on the desktop keeps
   // the sliders of its options and ignores others.
-  virtual void offer(const std::vector<Action>& actions, const std::vector<Slider>& sliders) = 0;
+  virtual void set_controls(const std::vector<Action>& actions,
+                            const std::vector<Slider>& sliders) = 0;
 
   // Whether the user looks at stages, so that those of the next frame are requested.
   [[nodiscard]] virtual bool wants_stages() const { return false; }
@@ -87,7 +88,7 @@ void prepare();
 [[nodiscard]] bool shows_status();
 
 // Whether windows can show stages. Works before prepare() and has no side effects.
-[[nodiscard]] bool takes_stages();
+[[nodiscard]] bool supports_stages();
 
 // Opens a window, which appears with its first image. Calls prepare() if needed.
 [[nodiscard]] std::unique_ptr<Window> open_window(const WindowOptions& options);

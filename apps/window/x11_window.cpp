@@ -53,7 +53,7 @@ int session_key(KeySym symbol, char character) {
   }
 }
 
-bool repeats(int key) {
+bool repeats_when_held(int key) {
   return key == key::kLeft || key == key::kRight || key == key::kUp || key == key::kDown ||
          key == key::kDelete || key == key::kBackspace || key == '+' || key == '-';
 }
@@ -65,14 +65,14 @@ struct X11Window::Impl {
   ::Window root = None;
   ::Window window = None;
   ::Cursor empty = None;
-  bool broken = false;
+  bool connection_lost = false;
   bool destroyed = false;
   bool hidden = false;
-  std::set<unsigned> down;  // key codes that are held down
+  std::set<unsigned> pressed_keys;  // key codes that are held down
 
   ~Impl() {
     // Closing a broken connection would contact the server again.
-    if (display != nullptr && !broken) XCloseDisplay(display);
+    if (display != nullptr && !connection_lost) XCloseDisplay(display);
   }
 
   template <typename T>
@@ -94,7 +94,7 @@ struct X11Window::Impl {
     return values;
   }
 
-  bool is_ours(::Window candidate, const std::string& name) {
+  bool is_own_window(::Window candidate, const std::string& name) {
     // 32-bit properties are returned as longs, whatever the size of a long.
     const std::vector<unsigned long> pid =
         property<unsigned long>(candidate, "_NET_WM_PID", AnyPropertyType);
@@ -114,7 +114,7 @@ struct X11Window::Impl {
     ::Window found = None;
     if (XQueryTree(display, in, &root_of, &parent, &children, &count) == 0) return None;
     for (unsigned i = 0; i < count && found == None; ++i) {
-      if (is_ours(children[i], name)) found = children[i];
+      if (is_own_window(children[i], name)) found = children[i];
     }
     for (unsigned i = 0; i < count && found == None && depth > 0;
          ++i) {  // window managers put it in frames
@@ -136,7 +136,7 @@ std::unique_ptr<X11Window> X11Window::connect() {
   if (impl->display == nullptr) return nullptr;
   impl->root = DefaultRootWindow(impl->display);
   XSetIOErrorExitHandler(
-      impl->display, [](Display*, void* data) { static_cast<Impl*>(data)->broken = true; },
+      impl->display, [](Display*, void* data) { static_cast<Impl*>(data)->connection_lost = true; },
       impl.get());
   XkbSetDetectableAutoRepeat(impl->display, True, nullptr);
   return std::unique_ptr<X11Window>(new X11Window(std::move(impl)));
@@ -149,7 +149,7 @@ bool X11Window::attach(const std::string& name) {
   if (found == None) return false;
   impl_->window = found;
   impl_->destroyed = false;
-  impl_->down.clear();
+  impl_->pressed_keys.clear();
   XSelectInput(impl_->display, found,
                KeyPressMask | KeyReleaseMask | FocusChangeMask | StructureNotifyMask);
   XFlush(impl_->display);
@@ -165,11 +165,11 @@ void X11Window::detach() {
 }
 
 bool X11Window::alive() {
-  if (impl_->broken) return false;
+  if (impl_->connection_lost) return false;
   pollfd fd{ConnectionNumber(impl_->display), POLLIN, 0};
   if (::poll(&fd, 1, 0) > 0 && (fd.revents & (POLLHUP | POLLERR | POLLNVAL)) != 0)
-    impl_->broken = true;
-  return !impl_->broken;
+    impl_->connection_lost = true;
+  return !impl_->connection_lost;
 }
 
 bool X11Window::destroyed() const { return impl_->destroyed; }
@@ -204,7 +204,7 @@ void X11Window::hide_pointer(bool hidden) {
   XFlush(impl_->display);
 }
 
-void X11Window::place(const cv::Rect& where) {
+void X11Window::set_geometry(const cv::Rect& where) {
   if (impl_->window == None || !alive()) return;
   XMoveResizeWindow(impl_->display, impl_->window, where.x, where.y,
                     static_cast<unsigned>(where.width), static_cast<unsigned>(where.height));
@@ -212,7 +212,7 @@ void X11Window::place(const cv::Rect& where) {
   XFlush(impl_->display);
 }
 
-std::optional<cv::Rect> X11Window::placement() {
+std::optional<cv::Rect> X11Window::geometry() {
   if (impl_->window == None || !alive()) return std::nullopt;
   XWindowAttributes attributes{};
   if (XGetWindowAttributes(impl_->display, impl_->window, &attributes) == 0) return std::nullopt;
@@ -242,9 +242,9 @@ std::vector<Event> X11Window::take_keys() {
       impl_->destroyed = true;
       impl_->window = None;
     } else if (event.type == FocusOut) {
-      impl_->down.clear();  // another window will get the release
+      impl_->pressed_keys.clear();  // another window will get the release
     } else if (event.type == KeyRelease) {
-      impl_->down.erase(event.xkey.keycode);
+      impl_->pressed_keys.erase(event.xkey.keycode);
     } else if (event.type == KeyPress) {
       char text[8] = {};
       KeySym symbol = NoSymbol;
@@ -253,8 +253,9 @@ std::vector<Event> X11Window::take_keys() {
       event.xkey.state &= ~static_cast<unsigned>(ControlMask);  // else Ctrl+C would be character 3
       const int length = XLookupString(&event.xkey, text, sizeof text, &symbol, nullptr);
       const int code = session_key(symbol, length == 1 ? text[0] : '\0');
-      const bool held = !impl_->down.insert(event.xkey.keycode).second;
-      if (code == 0 || alt || (held && !repeats(code))) continue;  // Alt+.. is for the desktop
+      const bool held = !impl_->pressed_keys.insert(event.xkey.keycode).second;
+      if (code == 0 || alt || (held && !repeats_when_held(code)))
+        continue;  // Alt+.. is for the desktop
       Event key;
       key.key = code;
       key.shift = (event.xkey.state & ShiftMask) != 0;

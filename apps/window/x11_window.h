@@ -35,11 +35,11 @@ class X11Window {
 
   // Over the window. Repeat the call, because the toolkit sets pointers, too.
   void hide_pointer(bool hidden);
-  void place(const cv::Rect& where);  // only without a window manager
+  void set_geometry(const cv::Rect& where);  // only without a window manager
   // Where the window's client area begins on the screen, px (without the frame of the window
   // manager).
   [[nodiscard]] std::optional<cv::Point> origin();
-  [[nodiscard]] std::optional<cv::Rect> placement();
+  [[nodiscard]] std::optional<cv::Rect> geometry();
 
   // Keys pressed since the last call.
   [[nodiscard]] std::vector<Event> take_keys();

@@ -110,7 +110,7 @@ run ar markers set/images --family 25h9 --quiet
 expect_status 1
 
 # What cannot be used says so.
-refused() { # STATUS PATTERN ARGUMENTS..
+expect_refusal() { # STATUS PATTERN ARGUMENTS..
   local status_wanted=$1 pattern=$2
   shift 2
   run ar markers "$first" "$@"
@@ -124,18 +124,18 @@ python3 - <<'END'
 with open("many.obj", "w") as f:
     f.write("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 5000000)
 END
-refused 3 'range.obj: line 2' --mesh range.obj
-refused 3 'point.obj: .*points coincide' --mesh point.obj
-refused 3 'noise.obj' --mesh noise.obj
-refused 3 'many.obj: .*more than 500000 triangles' --mesh many.obj
-refused 3 'gone.obj' --mesh gone.obj
-refused 2 '9x9.*36h11' --family 9x9
-refused 2 '--size' --size 0
-refused 2 '--size' --size -5mm
-refused 2 'draw' --draw teapot
-refused 2 'mesh' --mesh-up z
-refused 3 'thing.obj' --camera thing.obj
-refused 3 'gone.yaml' --camera gone.yaml
+expect_refusal 3 'range.obj: line 2' --mesh range.obj
+expect_refusal 3 'point.obj: .*points coincide' --mesh point.obj
+expect_refusal 3 'noise.obj' --mesh noise.obj
+expect_refusal 3 'many.obj: .*more than 500000 triangles' --mesh many.obj
+expect_refusal 3 'gone.obj' --mesh gone.obj
+expect_refusal 2 '9x9.*36h11' --family 9x9
+expect_refusal 2 '--size' --size 0
+expect_refusal 2 '--size' --size -5mm
+expect_refusal 2 'draw' --draw teapot
+expect_refusal 2 'mesh' --mesh-up z
+expect_refusal 3 'thing.obj' --camera thing.obj
+expect_refusal 3 'gone.yaml' --camera gone.yaml
 cat >wide.yaml <<'END'
 model: pinhole
 width: 1280
@@ -145,7 +145,7 @@ fy: 900
 cx: 640
 cy: 360
 END
-refused 3 '640 x 480 px, the camera.s images are 1280 x 720' --camera wide.yaml
+expect_refusal 3 '640 x 480 px, the camera.s images are 1280 x 720' --camera wide.yaml
 sed 's/height: 720/height: 960/' wide.yaml >large.yaml
 run ar markers $first --camera large.yaml --json --quiet
 expect_status 0

@@ -16,7 +16,7 @@ esac
 PLAY
   chmod +x "$1/bin/tarsier"
 }
-judge() { # judge STATUS PATTERN..: of the comparison of old and new
+expect_comparison() { # expect_comparison STATUS PATTERN..: of the comparison of old and new
   status=0
   "$compare" old new >stdout.txt 2>stderr.txt || status=$?
   command_line="bench-compare" out=$(cat stdout.txt) err=$(cat stderr.txt)
@@ -26,12 +26,12 @@ judge() { # judge STATUS PATTERN..: of the comparison of old and new
 }
 build old 1.0 20
 build new 1.05 20.1
-judge 0 '^\| toys \| fast \| ms \| 1 ms \| 1.05 ms \| 1.05 \|  \|$'
+expect_comparison 0 '^\| toys \| fast \| ms \| 1 ms \| 1.05 ms \| 1.05 \|  \|$'
 grep -q max_ms stdout.txt && fail "the largest time was compared"
 build new 0.5 22.5
-judge 0 '0.50 \| faster' '1.12 \| slower'
+expect_comparison 0 '0.50 \| faster' '1.12 \| slower'
 build new 1 24
-judge 1 '1.20 \| SLOWER'
+expect_comparison 1 '1.20 \| SLOWER'
 
 printf '#!/bin/sh\ncase "$1" in help) echo "{\\"verbs\\":[{\\"path\\":[\\"bench\\",\\"toys\\"]}]}" ;; *) echo "{\\"ms\\":1}" ;; esac\n' >new/bin/tarsier
 status=0

@@ -86,20 +86,20 @@ expect_status 1
 
 # --- what is no board, no size, no folder ---
 
-usage() { # usage PATTERN ARGUMENTS..
+expect_usage_error() { # expect_usage_error PATTERN ARGUMENTS..
   local pattern=$1
   shift
   run calibrate "$@"
   expect_status 2
   expect_error "$pattern"
 }
-usage 'INPUT' "${board[@]}"
-usage 'board' synth:bars --square 25mm
-usage 'inner corners' synth:bars --board chess --square 25mm
-usage 'no such kind' synth:bars --board checkers:9x6 --square 25mm
-usage '25mm' synth:bars --board chess:9x6 --square 25inch
-usage '25mm' synth:bars --board chess:9x6 --square 0
-usage 'lens' synth:bars "${board[@]}" --lens mirror
+expect_usage_error 'INPUT' "${board[@]}"
+expect_usage_error 'board' synth:bars --square 25mm
+expect_usage_error 'inner corners' synth:bars --board chess --square 25mm
+expect_usage_error 'no such kind' synth:bars --board checkers:9x6 --square 25mm
+expect_usage_error '25mm' synth:bars --board chess:9x6 --square 25inch
+expect_usage_error '25mm' synth:bars --board chess:9x6 --square 0
+expect_usage_error 'lens' synth:bars "${board[@]}" --lens mirror
 run calibrate nowhere.jpg "${board[@]}"
 expect_status 3
 expect_error 'nowhere.jpg'

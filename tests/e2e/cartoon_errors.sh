@@ -7,7 +7,7 @@ samples=/usr/share/doc/opencv-doc/examples/data
 [ -r $samples/home.jpg ] || skip "no sample images (package opencv-doc)"
 good=$samples/home.jpg
 
-wrong() { # wrong STATUS PATTERN ARGUMENTS..
+expect_failure() { # expect_failure STATUS PATTERN ARGUMENTS..
   local expected=$1 pattern=$2
   shift 2
   run cartoon run "$@"
@@ -23,20 +23,20 @@ echo "no image at all" >text.jpg
 head -c 4000 $good >truncated.jpg
 printf '\211PNG\r\n\032\n\0\0\0\rIHDR\0\0\352\140\0\0\352\140\10\2\0\0\0\0\0\0\0' >huge.png # 60000x60000
 : >nothing.png
-wrong 3 'missing\.jpg' missing.jpg -o out.png
-wrong 3 'empty' empty -o out
-wrong 3 'text\.jpg' text.jpg -o out.png
-wrong 3 'truncated\.jpg' truncated.jpg -o out.png
-wrong 3 'huge\.png.*60000x60000' huge.png -o out.png
-wrong 3 'nothing\.png' nothing.png -o out.png
-wrong 3 'camera 99' 99 -o out.mp4
-wrong 3 'http:///no-host' http:///no-host -o out.mp4
-wrong 3 'gopher' gopher://example.org/ -o out.mp4
-wrong 3 'videotestsrc' 'videotestsrc ! filesink location=out' -o out.mp4
+expect_failure 3 'missing\.jpg' missing.jpg -o out.png
+expect_failure 3 'empty' empty -o out
+expect_failure 3 'text\.jpg' text.jpg -o out.png
+expect_failure 3 'truncated\.jpg' truncated.jpg -o out.png
+expect_failure 3 'huge\.png.*60000x60000' huge.png -o out.png
+expect_failure 3 'nothing\.png' nothing.png -o out.png
+expect_failure 3 'camera 99' 99 -o out.mp4
+expect_failure 3 'http:///no-host' http:///no-host -o out.mp4
+expect_failure 3 'gopher' gopher://example.org/ -o out.mp4
+expect_failure 3 'videotestsrc' 'videotestsrc ! filesink location=out' -o out.mp4
 [ ! -e out ] || fail "user text reached a pipeline"
-wrong 3 '127\.0\.0\.1:9' http://127.0.0.1:9/ --connect-timeout 1 -o out.mp4
-wrong 3 'none.txt' @none.txt -o out
-wrong 3 "$(printf '%s' '\\x1b')" "$(printf 'a\033[31m.jpg')" -o out.png
+expect_failure 3 '127\.0\.0\.1:9' http://127.0.0.1:9/ --connect-timeout 1 -o out.mp4
+expect_failure 3 'none.txt' @none.txt -o out
+expect_failure 3 "$(printf '%s' '\\x1b')" "$(printf 'a\033[31m.jpg')" -o out.png
 case $err in *$'\033'*) fail "an escape sequence reached the terminal" ;; esac
 mkdir broken
 cp text.jpg truncated.jpg broken
@@ -45,30 +45,30 @@ expect_status 3
 [ "$(grep -c error: stderr.txt)" -eq 1 ] || fail "not one error: $err"
 
 # Usage.
-wrong 2 "unknown mode 'crayon'.*sketch, paint, cartoon" $good --mode crayon -o out.png
-wrong 2 'quality' $good --quality best -o out.png
-wrong 2 'median' $good --sketch-median 4 -o out.png
-wrong 2 'threshold' $good --sketch-threshold 300 -o out.png
-wrong 2 'rounds' $good --paint-rounds -1 -o out.png
-wrong 2 'skin-color.*#rrggbb' $good --skin-color '#12345' -o out.png
-wrong 2 'skin-lower.*three numbers' $good --skin-lower 1,2,300 -o out.png
-wrong 2 'skin-style' $good --skin-style shiny -o out.png
-wrong 2 'actions' $good --actions file -o out.png
-wrong 2 '--jpeg-quality: expected 1..100' $good --jpeg-quality 0 -o out.jpg
-wrong 2 'folder' $good $samples/box.png -o out.png
-wrong 2 'folder' $samples/vtest.avi -o out.png
-wrong 2 'INPUT' -o out.png
+expect_failure 2 "unknown mode 'crayon'.*sketch, paint, cartoon" $good --mode crayon -o out.png
+expect_failure 2 'quality' $good --quality best -o out.png
+expect_failure 2 'median' $good --sketch-median 4 -o out.png
+expect_failure 2 'threshold' $good --sketch-threshold 300 -o out.png
+expect_failure 2 'rounds' $good --paint-rounds -1 -o out.png
+expect_failure 2 'skin-color.*#rrggbb' $good --skin-color '#12345' -o out.png
+expect_failure 2 'skin-lower.*three numbers' $good --skin-lower 1,2,300 -o out.png
+expect_failure 2 'skin-style' $good --skin-style shiny -o out.png
+expect_failure 2 'actions' $good --actions file -o out.png
+expect_failure 2 '--jpeg-quality: expected 1..100' $good --jpeg-quality 0 -o out.jpg
+expect_failure 2 'folder' $good $samples/box.png -o out.png
+expect_failure 2 'folder' $samples/vtest.avi -o out.png
+expect_failure 2 'INPUT' -o out.png
 cp $good same.jpg
-wrong 2 'also an input' same.jpg -o same.jpg
+expect_failure 2 'also an input' same.jpg -o same.jpg
 cmp -s $good same.jpg || fail "the input was written to"
-wrong 2 'token' $good -o http://0.0.0.0:0/
+expect_failure 2 'token' $good -o http://0.0.0.0:0/
 
 # Outputs.
-wrong 6 'no/such/out.png' $good -o no/such/out.png
-wrong 6 '/proc' $good -o /proc/out.png
+expect_failure 6 'no/such/out.png' $good -o no/such/out.png
+expect_failure 6 '/proc' $good -o /proc/out.png
 echo >file
-wrong 6 'file' $good -o file/
-[ ! -w /dev/full ] || wrong 6 '/dev/full' $good -o /dev/full
+expect_failure 6 'file' $good -o file/
+[ ! -w /dev/full ] || expect_failure 6 '/dev/full' $good -o /dev/full
 
 # A full disk, where this machine lets us make a small one.
 mkdir small
@@ -88,6 +88,6 @@ else
 fi
 
 # Nowhere to show it.
-wrong 3 'no display: DISPLAY is not set; give -o OUT' $good
-DISPLAY=:77 wrong 3 'no display: .*:77' $good --window
+expect_failure 3 'no display: DISPLAY is not set; give -o OUT' $good
+DISPLAY=:77 expect_failure 3 'no display: .*:77' $good --window
 finish

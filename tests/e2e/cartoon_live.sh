@@ -36,31 +36,31 @@ wait_for() { # wait_for SECONDS DESCRIPTION COMMAND..: until the command succeed
   done
 }
 more_frames_than() { [ "$(frames)" -gt "$1" ]; }
-back() { # back DESCRIPTION: there is output again (how soon is measured in docs/results.md), and it stays
+expect_output_again() { # expect_output_again DESCRIPTION: there is output again (how soon is measured in docs/results.md), and it stays
   local before
   before=$(frames)
   wait_for 300 "$1" more_frames_than $((before + 10))
 }
-saw() { grep -q "\"source\":\"$1\",\"detail\"" stdout.txt; }
+reported_state() { grep -q "\"source\":\"$1\",\"detail\"" stdout.txt; }
 
 "$TARSIER" cartoon run "$url" --mode sketch --wait -o none --json >stdout.txt 2>stderr.txt </dev/null &
 program=$!
-wait_for 300 "the state before the camera is there" saw connecting
+wait_for 300 "the state before the camera is there" reported_state connecting
 start_camera
-back "first frames"
+expect_output_again "first frames"
 wait_for 300 "100 frames" more_frames_than 100
 memory_before=$(awk '/VmRSS/ {print $2}' /proc/$program/status)
 
 kill_camera
 sleep 1
 start_camera
-back "after the camera was killed"
+expect_output_again "after the camera was killed"
 
 kill -STOP "$camera"
-wait_for 300 "a frozen camera is noticed" saw stale
+wait_for 300 "a frozen camera is noticed" reported_state stale
 kill_camera # as one that is unplugged and plugged in again
 start_camera
-back "after the camera froze"
+expect_output_again "after the camera froze"
 
 kill_camera
 python3 - "$port" <<'PY' # a viewer gets headers, then noise
@@ -82,7 +82,7 @@ except OSError:
 viewer.close()
 PY
 start_camera
-back "after garbage"
+expect_output_again "after garbage"
 memory_after=$(awk '/VmRSS/ {print $2}' /proc/$program/status)
 [ "$memory_after" -lt $((memory_before + 60000)) ] || fail "memory grew from $memory_before to $memory_after kB"
 

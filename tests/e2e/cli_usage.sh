@@ -10,17 +10,17 @@ expect_no_err
 
 # Codecs of videos and rare kinds of images, with all that they bring, are loaded when they are needed: they take
 # several times as long to link as the rest. JPEG and PNG need none of them.
-loaded() { # loaded ARGUMENTS..: the libraries that a run loads
+loaded_libraries() { # loaded_libraries ARGUMENTS..: the libraries that a run loads
   LD_DEBUG=files timeout 900 "$TARSIER" "$@" 2>&1 >/dev/null </dev/null | grep -oE 'calling init: .*' | sed 's|.*/||' | sort -u
 }
 run cartoon run synth:scene --frames 1 -o scene.png --quiet
 expect_status 0
-loaded cartoon run scene.png -o drawn.jpg --quiet >libraries.txt
+loaded_libraries cartoon run scene.png -o drawn.jpg --quiet >libraries.txt
 grep -q '^libopencv_imgproc' libraries.txt || fail "cannot list the libraries of a run"
 heavy='^lib(opencv_imgcodecs|opencv_videoio|avformat|avcodec|gdal)\.so'
 grep -E "$heavy" libraries.txt && fail "a run on JPEG and PNG loads codecs that it does not need"
 [ "$(wc -l <libraries.txt)" -le 100 ] || fail "a run loads $(wc -l <libraries.txt) libraries"
-loaded cartoon run scene.png -o drawn.webp --quiet | grep -q '^libopencv_imgcodecs' || fail "WebP without OpenCV's codecs"
+loaded_libraries cartoon run scene.png -o drawn.webp --quiet | grep -q '^libopencv_imgcodecs' || fail "WebP without OpenCV's codecs"
 
 run --help
 expect_status 0
@@ -49,7 +49,7 @@ expect_no_out
 grep -q 'verify' stderr.txt || fail "no help for an area alone"
 grep -q 'tarsier models \[' stderr.txt || fail "the help of an area names it wrong: $err"
 
-usage() { # usage PATTERN ARGUMENTS..
+expect_usage_error() { # expect_usage_error PATTERN ARGUMENTS..
   local pattern=$1
   shift
   run "$@"
@@ -57,24 +57,24 @@ usage() { # usage PATTERN ARGUMENTS..
   expect_no_out
   expect_error "$pattern"
 }
-usage "did you mean 'doctor'" doktor
-usage "did you mean 'models'" model list
-usage "did you mean 'list'" models lst
-usage "known: .*demo" frobnicate
-usage "knows no ''" ""
-usage 'did you mean --json' doctor --jsno
-usage 'no flag --frobnicate' doctor --frobnicate
-usage 'flags come after the verb' --json doctor
-usage 'threads' doctor --threads many
-usage 'threads' doctor --threads -3
-usage 'log-level' doctor --log-level loud
-usage 'progress' doctor --progress sparkling
-usage 'seed' doctor --seed -1
-usage 'surplus' doctor surplus
-usage 'NAME' models info
-usage 'only' demo --only nothing-such
-usage 'output' demo -o
-usage '.' doctor "$(printf 'two\nlines\033[31m')"
+expect_usage_error "did you mean 'doctor'" doktor
+expect_usage_error "did you mean 'models'" model list
+expect_usage_error "did you mean 'list'" models lst
+expect_usage_error "known: .*demo" frobnicate
+expect_usage_error "knows no ''" ""
+expect_usage_error 'did you mean --json' doctor --jsno
+expect_usage_error 'no flag --frobnicate' doctor --frobnicate
+expect_usage_error 'flags come after the verb' --json doctor
+expect_usage_error 'threads' doctor --threads many
+expect_usage_error 'threads' doctor --threads -3
+expect_usage_error 'log-level' doctor --log-level loud
+expect_usage_error 'progress' doctor --progress sparkling
+expect_usage_error 'seed' doctor --seed -1
+expect_usage_error 'surplus' doctor surplus
+expect_usage_error 'NAME' models info
+expect_usage_error 'only' demo --only nothing-such
+expect_usage_error 'output' demo -o
+expect_usage_error '.' doctor "$(printf 'two\nlines\033[31m')"
 case $err in *$'\033'*) fail "an escape sequence reached the terminal" ;; esac
 
 # stdout that cannot be written is an error of its own.

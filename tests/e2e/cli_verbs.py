@@ -7,7 +7,7 @@ since it runs each verb twice anyway. A verb that is missing in a table below fa
 
 cli_verbs.py [VERB ..]           these verbs, or all; of all, the share $TARSIER_SHARD ("2/4": the second of four)
 cli_verbs.py --make FOLDER       only makes the inputs, which $TARSIER_INPUTS then names to several runs
-cli_verbs.py --stops [VERB ..]   only interrupts, at more moments, and prints the table of docs/results.md
+cli_verbs.py --stops [VERB ..]   only interrupts, after more delays, and prints the table of docs/results.md
 """
 import json
 import os
@@ -363,7 +363,7 @@ def prepare(name):
             shutil.copy(os.path.join(INPUTS, "seen.db"), "seen.db")
 
 
-def left_behind():
+def temporary_files():
     return sorted(os.path.join(folder, name) for folder, _, names in os.walk(".") for name in names
                   if name.startswith(".") or name.endswith((".tmp", ".part")))
 
@@ -427,13 +427,13 @@ SHORT = {"landmarks annotate", "landmarks import", "landmarks show", "landmarks 
          "plate watch add", "plate watch remove", "plate watch list", "plate watch test", "sfm plan", "sfm eval", "ar marker-sheet", "models list", "models info",
          "models verify", "models import", "models install", "models remove", "doctor", "merge"}
 # Limit from SIGINT to the end, processor time. Each verb runs with one thread, so on an idle machine it is the user's waiting time.
-# On a slower or busy machine the limit grows by the factor that VERIFY_CPU takes longer. Sanitized code is several times slower.
-STOP_CPU = float(os.environ.get("TARSIER_STOP_CPU", "5" if os.environ.get("TARSIER_SANITIZED") else "0.5"))  # s
-VERIFY_CPU = 0.2  # s of `tarsier models verify --threads 1` on the machine where that limit was set
+# On a slower or busy machine the limit grows by the factor that REFERENCE_VERIFY_CPU takes longer. Sanitized code is several times slower.
+MAX_STOP_CPU = float(os.environ.get("TARSIER_STOP_CPU", "5" if os.environ.get("TARSIER_SANITIZED") else "0.5"))  # s
+REFERENCE_VERIFY_CPU = 0.2  # s of `tarsier models verify --threads 1` on the machine where that limit was set
 STOP_TRIES = 3  # the best counts: other programs may evict the processor's caches at any time
-STOP_WALL = 60  # s, on a loaded machine. Needed because a sleeping program uses no processor time.
-MOMENTS = (0.05, 0.5 if os.environ.get("TARSIER_TEST_ALL") else 0.2)  # CPU s after the program is ready for signals
-MORE_MOMENTS = (0.05, 0.2, 0.5, 1.0)
+MAX_STOP_WALL = 60  # s, on a loaded machine. Needed because a sleeping program uses no processor time.
+STOP_DELAYS = (0.05, 0.5 if os.environ.get("TARSIER_TEST_ALL") else 0.2)  # CPU s after the program is ready for signals
+MORE_STOP_DELAYS = (0.05, 0.2, 0.5, 1.0)
 
 
 def wait_until_ready(pid):
@@ -462,21 +462,21 @@ def wait_until_used(pid, seconds):
 class Stop:
     """An interrupted run: exit status, stderr, and CPU seconds and seconds from the signal to the end."""
 
-    def __init__(self, words, moment):
+    def __init__(self, words, delay):
         self.cpu = self.wall = 0.0
         self.hung = False
         with tempfile.TemporaryFile("w+", errors="replace") as stderr:
             process = subprocess.Popen([PROGRAM, *words, "--threads", "1"], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                                        stderr=stderr, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))  # nohup ignores it
             wait_until_ready(process.pid)
-            wait_until_used(process.pid, moment)
+            wait_until_used(process.pid, delay)
             before = cpu_seconds(process.pid)
             begin = time.monotonic()
             os.kill(process.pid, signal.SIGINT)
             pid = 0
             while not pid:
                 pid, status, usage = os.wait4(process.pid, os.WNOHANG)
-                if not pid and not self.hung and time.monotonic() - begin > STOP_WALL:
+                if not pid and not self.hung and time.monotonic() - begin > MAX_STOP_WALL:
                     self.hung = True
                     process.kill()
                 time.sleep(0.002)
@@ -488,42 +488,42 @@ class Stop:
             self.error = stderr.read()
 
 
-def slowness():
-    """How many times slower this machine is now than the machine of VERIFY_CPU, at least 1."""
+def slowdown_factor():
+    """How many times slower this machine is now than the machine of REFERENCE_VERIFY_CPU, at least 1."""
     begin = children_cpu()
     run(["models", "verify", "--quiet", "--threads", "1"])
-    return max(1.0, (children_cpu() - begin) / VERIFY_CPU)
+    return max(1.0, (children_cpu() - begin) / REFERENCE_VERIFY_CPU)
 
 
-def stop_anew(name, words, moment):
-    """A run stopped at `moment`, with fresh inputs and without earlier results; and the files before it."""
+def stop_fresh_run(name, words, delay):
+    """A run stopped after `delay` CPU seconds, with fresh inputs and without earlier results; and the files before it."""
     subprocess.run("rm -rf stopped stopped.*", shell=True, check=True)
     prepare(name)
-    before = left_behind()
-    return Stop([*name.split(), *shlex.split(words)], moment), before
+    before = temporary_files()
+    return Stop([*name.split(), *shlex.split(words)], delay), before
 
 
-def check_interruption(name, words, moments=MOMENTS):
+def check_interruption(name, words, delays=STOP_DELAYS):
     """Stopped at several moments: status 130 (or the end was reached), quickly, and no partial output."""
     stops = []
     # On a busy machine the signal may come after the end. Then it is sent again, as early as possible.
-    for moment in [*moments, *[0.0] * STOP_TRIES]:
-        if moment == 0.0 and stops:
+    for delay in [*delays, *[0.0] * STOP_TRIES]:
+        if delay == 0.0 and stops:
             break
         for _ in range(STOP_TRIES):
-            stop, before = stop_anew(name, words, moment)
-            limit = STOP_CPU * slowness() if stop.cpu > STOP_CPU else STOP_CPU
+            stop, before = stop_fresh_run(name, words, delay)
+            limit = MAX_STOP_CPU * slowdown_factor() if stop.cpu > MAX_STOP_CPU else MAX_STOP_CPU
             if stop.cpu <= limit:
                 break
-        where = f"SIGINT after {moment} CPU s"
+        where = f"SIGINT after {delay} CPU s"
         if stop.hung:
-            fail(name, f"{where} did not end it within {STOP_WALL} s")
+            fail(name, f"{where} did not end it within {MAX_STOP_WALL} s")
         if stop.status not in (0, 130):
             fail(name, f"{where}: exit status {stop.status}: {stop.error[:300]!r}")
         if stop.status == 130 and stop.cpu > limit:
             fail(name, f"{where}: it computed for {stop.cpu:.2f} s until it ended, of {limit:.2f} s that it may take here")
-        if left_behind() != before:
-            fail(name, f"{where} left {set(left_behind()) - set(before)}")
+        if temporary_files() != before:
+            fail(name, f"{where} left {set(temporary_files()) - set(before)}")
         for path in ("stopped.json", "stopped.yaml", "stopped.pdf", "stopped.png"):
             if stop.status == 130 and os.path.exists(path):
                 fail(name, f"{where}: {path} was written")
@@ -613,7 +613,7 @@ def make_inputs_here():
     made("sfm", "plan", "views/images", "-o", "clustered", "--cluster-size", "4", "--quiet")
     for words in (("features",), ("match",), ("map", "--cluster", "all")):
         made("sfm", words[0], "clustered", *words[1:], "--quiet")
-    # Enough images that each stage takes many times the first of MOMENTS.
+    # Enough images that each stage takes many times the first of STOP_DELAYS.
     made("sfm", "synth", "-o", "ring", "--images", "40", "--size", "320x240", "--quiet")
     made("sfm", "plan", "ring/images", "-o", "ring-planned", "--shards", "40", "--cluster-size", "16", "--quiet")
     for stage, work, made_from in (("features", "ring-matchless", "ring-planned"), ("match", "ring-matched", "ring-matchless"),
@@ -650,7 +650,7 @@ def children_cpu():
     return usage.ru_utime + usage.ru_stime
 
 
-def take_inputs():
+def prepare_inputs():
     """Makes the inputs if they do not exist, and works in a copy of them. Caches and settings belong to this run."""
     global INPUTS
     for name in ("HOME", "XDG_CACHE_HOME", "XDG_DATA_HOME", "XDG_CONFIG_HOME"):
@@ -662,7 +662,7 @@ def take_inputs():
     os.chdir("work")
 
 
-def my_share(verbs):
+def shard_of(verbs):
     """The part of a list that $TARSIER_SHARD names: "2/4" is the second, sixth, tenth .."""
     number, count = (int(word) for word in os.environ.get("TARSIER_SHARD", "1/1").split("/"))
     return verbs[number - 1 :: count]
@@ -670,11 +670,11 @@ def my_share(verbs):
 
 def stop_table(only):
     """The max over four moments for each verb."""
-    take_inputs()
+    prepare_inputs()
     print("| verb | CPU ms | ms |\n|---|---|---|")
     for name, words in INTERRUPTED.items():
         if not only or name in only:
-            cpu, wall = check_interruption(name, words, MORE_MOMENTS)
+            cpu, wall = check_interruption(name, words, MORE_STOP_DELAYS)
             print(f"| {name} | {1000 * cpu:.0f} | {1000 * wall:.0f} |", flush=True)
 
 
@@ -697,8 +697,8 @@ def main():
         fail(name, "may it run long? Then it belongs to INTERRUPTED, else to SHORT, in tests/e2e/cli_verbs.py")
     for name in sorted((set(VALID) | set(LONG) | set(INTERRUPTED) | SHORT) - names):
         fail(name, "this test is of no verb")
-    take_inputs()
-    mine = [verb for verb in verbs if verb["verb"] in arguments] if arguments else my_share(verbs)
+    prepare_inputs()
+    mine = [verb for verb in verbs if verb["verb"] in arguments] if arguments else shard_of(verbs)
     for verb in mine:
         name = verb["verb"]
         begin = children_cpu()

@@ -6,9 +6,9 @@
 programs=$(dirname "$TARSIER")
 
 # What only a benchmark needs is not linked into tarsier, nor is the page of the demo within it.
-needed() { readelf -d "$1" | grep NEEDED; }
-needed "$TARSIER" | grep -q libopencv_imgproc || fail "cannot list the libraries of the program"
-needed "$TARSIER" | grep -i apriltag && fail "tarsier links a library of bench markers"
+needed_libraries() { readelf -d "$1" | grep NEEDED; }
+needed_libraries "$TARSIER" | grep -q libopencv_imgproc || fail "cannot list the libraries of the program"
+needed_libraries "$TARSIER" | grep -i apriltag && fail "tarsier links a library of bench markers"
 grep -q 'What Tarsier sees' "$programs/tarsier-demo" || fail "cannot find the demo's text in tarsier-demo"
 grep -q 'What Tarsier sees' "$TARSIER" && fail "tarsier holds the demo's page"
 
@@ -57,12 +57,12 @@ expect_status 2
 expect_error 'repeats'
 
 # Words, streams and the exit status pass through, and the process stays the same one; what lies beside tarsier comes first.
-fake() { # fake FILE STATUS
+make_fake_companion() { # make_fake_companion FILE STATUS
   # shellcheck disable=SC2016  # for the script
   printf '#!/bin/sh\necho "$0"; printf "<%%s>" "$@"; echo " as $$"; echo "on stderr" >&2; cat; exit %s\n' "$2" >"$1"
   chmod +x "$1"
 }
-fake alone/libexec/tarsier/tarsier-bench 5
+make_fake_companion alone/libexec/tarsier/tarsier-bench 5
 echo 'repeats = 3' >bench.toml
 status=0
 echo input | sh -c 'echo "$$" >pid.txt; exec "$@"' sh "$TARSIER" bench posit --config bench.toml 'an image.png' --quiet >stdout.txt 2>stderr.txt || status=$?
@@ -70,7 +70,7 @@ out=$(cat stdout.txt) err=$(cat stderr.txt) command_line="tarsier bench posit, a
 expect_status 5
 expect_out 'libexec/tarsier/tarsier-bench' '<posit><--config><bench.toml><an image.png><--quiet>' " as $(cat pid.txt)$" '^input$'
 [ "$err" = "on stderr" ] || fail "stderr: $err"
-fake alone/bin/tarsier-bench 4
+make_fake_companion alone/bin/tarsier-bench 4
 run bench posit
 expect_status 4
 expect_out 'alone/bin/tarsier-bench'

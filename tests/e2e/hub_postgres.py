@@ -87,13 +87,13 @@ def check(server):
 
     cars = [os.path.join("cars/images", name) for name in sorted(os.listdir("cars/images"))]
 
-    def is_all():
+    def all_events_sent():
         return not site.rows("gate.db", "SELECT 1 FROM outbox")
 
     def publish():
         site.node(broker, "gate", cars).wait(60)
         for _ in range(5):
-            if site.wait_for(is_all, 6):
+            if site.wait_for(all_events_sent, 6):
                 return
             site.node(broker, "gate", cars[:1]).wait(60)
         site.fail("the hub does not store: " + open("hub.err").read()[-600:])
@@ -110,7 +110,7 @@ def check(server):
     site.end(hub, signal.SIGKILL)
     hub = start_hub()
     publish()
-    truth = {("gate", seq) for seq in range(1, site.given("gate") + 1)}
+    truth = {("gate", seq) for seq in range(1, site.assigned_numbers("gate") + 1)}
     if not truth or not site.wait_for(lambda: stored() == truth, 20):
         site.fail(f"{len(stored())} events of {len(truth)}")
     if server.query("SELECT count(*), count(DISTINCT (node, outbox, seq)) FROM hub_event") != [[str(len(truth))] * 2]:

@@ -31,9 +31,9 @@ start() { # start ARGUMENTS..: the program with a window that shows its first im
   wait_for_image
 }
 
-patience=${TARSIER_TEST_TIMEOUT:-300} # s; a machine may do much else
+max_wait=${TARSIER_TEST_TIMEOUT:-300} # s; a machine may do much else
 wait_for() { # wait_for DESCRIPTION COMMAND..: until it succeeds
-  local deadline=$((SECONDS + patience)) what=$1
+  local deadline=$((SECONDS + max_wait)) what=$1
   shift
   until "$@"; do
     [ $SECONDS -lt $deadline ] || { fail "$command_line: $what: not in time; $(tail -1 stdout.txt) $(cat stderr.txt)"; return 1; }
@@ -42,10 +42,10 @@ wait_for() { # wait_for DESCRIPTION COMMAND..: until it succeeds
 }
 # One process that looks again and again: each start of one costs more than a look.
 wait_for_window() { # wait_for_window TITLE: until it is there
-  x11 wait-window "$patience" "$program" "$1" || fail "$command_line: no window '$1' $(cat stderr.txt)"
+  x11 wait-window "$max_wait" "$program" "$1" || fail "$command_line: no window '$1' $(cat stderr.txt)"
 }
 wait_for_image() { # until the corner of the screen is not black
-  x11 wait-image "$patience" "$program" 0 0 200 200 || fail "$command_line: no image $(cat stderr.txt)"
+  x11 wait-image "$max_wait" "$program" 0 0 200 200 || fail "$command_line: no image $(cat stderr.txt)"
 }
 keep() { # keep FILE: the screen, for people to look at
   [ -z "${KEEP_IMAGES:-}" ] || x11 save "$KEEP_IMAGES/$1"

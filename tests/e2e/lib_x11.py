@@ -76,12 +76,12 @@ def title(window):
     return (name.value or b"").decode("utf-8", "replace")
 
 
-def wait(look):
-    """Repeats look() until it returns something, which is returned. Pauses between looks, since a drawing program needs the time
+def wait(observe):
+    """Repeats observe() until it returns something, which is returned. Pauses between calls, since a drawing program needs the time
     too."""
     deadline = time.monotonic() + float(sys.argv[2])
     while time.monotonic() < deadline and os.path.exists(f"/proc/{sys.argv[3]}"):
-        found = look()
+        found = observe()
         if found is not None:
             return found
         time.sleep(0.05)
@@ -89,15 +89,15 @@ def wait(look):
 
 
 def stable():
-    """A look for wait(): a hash that three looks agree on."""
+    """For wait(): a hash that three calls in a row agree on."""
     seen = []
     known = set(sys.argv[8:])
 
-    def look():
+    def observe():
         seen.append(str(zlib.crc32(pixels(*(int(word) for word in sys.argv[4:8])))))
         return seen[-1] if seen[-1] not in known and len(seen) > 2 and len(set(seen[-3:])) == 1 else None
 
-    return look
+    return observe
 
 
 command = sys.argv[1]
@@ -106,11 +106,11 @@ if command == "stable":
 elif command == "wait-window":
     wait(lambda: next((window for window in children(root) if sys.argv[4] in title(window)), None))
 elif command == "wait-image":
-    def lit():
+    def has_light():
         raw = pixels(*(int(word) for word in sys.argv[4:8]))
         return any(raw[0::4]) or any(raw[1::4]) or any(raw[2::4]) or None
 
-    wait(lit)
+    wait(has_light)
 elif command == "geometry":
     for window in children(root):
         if sys.argv[2] in title(window):

@@ -40,8 +40,8 @@ expect_status 1
 grep -q '562 faces: with fewer than 20000 comparing all is as fast, no index is made' stderr.txt || fail "not told: $err"
 [ ! -e people.db.index ] || fail "an index of a small gallery"
 probes=(heads/images/0012.png heads/images/0013.png heads/images/0005.png)
-named() { run people identify "${probes[@]}" --json; sed -E 's/,"ms":[0-9.]+//g' stdout.txt; }
-named >exact.txt
+identify_probes() { run people identify "${probes[@]}" --json; sed -E 's/,"ms":[0-9.]+//g' stdout.txt; }
+identify_probes >exact.txt
 grep -q '"label"' exact.txt || fail "nobody was found: $(cat exact.txt)"
 run people index --check
 expect_status 1
@@ -56,7 +56,7 @@ run people index people.db --min-faces 1 --threads 3 --memory 0.01
 expect_status 0
 cmp -s one people.db.index || fail "the index depends on threads or memory"
 [ "$(stat -c %a people.db.index)" = 600 ] || fail "others may read the index"
-named >indexed.txt
+identify_probes >indexed.txt
 cmp exact.txt indexed.txt || fail "answers differ from an exact search"
 ! grep -q 'not used' stderr.txt || fail "the index was not used: $(cat stderr.txt)"
 run people index --check --json
@@ -82,24 +82,24 @@ run people index --min-faces 1
 expect_status 0
 expect_out '563 faces in 32 cells|563 faces in 64 cells'
 [ ! -e people.db.index.new ] || fail "something half-written was left"
-named >exact.txt
+identify_probes >exact.txt
 cp people.db.index whole
 
 # Files that are not the gallery's: one line, and the same answers.
-hostile() { # what it says
-  named >other.txt
+expect_index_unused() { # what it says
+  identify_probes >other.txt
   grep -q "people.db.index: $1.*: not used, all faces are compared" stderr.txt || fail "$1: $(cat stderr.txt)"
   cmp exact.txt other.txt || fail "$1: answers differ"
   [ "$(grep -c 'people.db.index' stderr.txt)" = 1 ] || fail "$1: more than a line: $(cat stderr.txt)"
   run people index --check
   expect_status 1
 }
-truncate -s -100 people.db.index; hostile 'is cut off'
-head -c 10 whole >people.db.index; hostile 'is no index of templates'
-cp people.db people.db.index; hostile 'is no index of templates'
-cp one people.db.index; hostile 'is of another state of the gallery'
+truncate -s -100 people.db.index; expect_index_unused 'is cut off'
+head -c 10 whole >people.db.index; expect_index_unused 'is no index of templates'
+cp people.db people.db.index; expect_index_unused 'is no index of templates'
+cp one people.db.index; expect_index_unused 'is of another state of the gallery'
 cp whole people.db.index
-printf 'x' | dd of=people.db.index bs=1 seek=90 conv=notrunc status=none; hostile 'is damaged'
+printf 'x' | dd of=people.db.index bs=1 seek=90 conv=notrunc status=none; expect_index_unused 'is damaged'
 cp whole people.db.index
 run people index --check
 expect_status 0

@@ -18,7 +18,7 @@ from processes import cpu_seconds
 
 PROGRAM = os.environ["TARSIER"]
 ROUNDS = 20 if os.environ.get("TARSIER_TEST_ALL") else 8
-PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "300"))  # s
+TIMEOUT = int(os.environ.get("TARSIER_TEST_TIMEOUT", "300"))  # s
 failures = []
 
 
@@ -27,7 +27,7 @@ def fail(text):
     print(f"FAILED: {text}", flush=True)
 
 
-def faces_in_it():
+def count_faces():
     """Number of committed faces; 0 without a gallery or without a table in it."""
     try:
         base = sqlite3.connect("file:people.db?mode=ro", uri=True)
@@ -38,26 +38,26 @@ def faces_in_it():
         return 0
 
 
-def kill_once(number, before, moment):
+def kill_once(number, before, delay):
     """Starts and kills one enrolment; returns the number of faces committed before the kill."""
     process = subprocess.Popen([PROGRAM, "people", "enroll", "Lena", "faces", "--any-quality", "--faces", "1000", "--threads", "1",
                                 "--quiet"], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + TIMEOUT
     if number % 2 == 0:
-        while faces_in_it() <= before and process.poll() is None:
+        while count_faces() <= before and process.poll() is None:
             if time.monotonic() > deadline:
-                fail(f"round {number}: no face in {PATIENCE} s")
+                fail(f"round {number}: no face in {TIMEOUT} s")
                 break
             time.sleep(0.005)
     begin = cpu_seconds(process.pid)  # processor time gives the same moments on a busy machine
-    while (used := cpu_seconds(process.pid)) is not None and used - begin < moment and time.monotonic() < deadline:
+    while (used := cpu_seconds(process.pid)) is not None and used - begin < delay and time.monotonic() < deadline:
         time.sleep(0.005)
-    seen = faces_in_it()
+    faces_at_kill = count_faces()
     if process.poll() is not None:
         fail(f"round {number}: ended with {process.returncode} before it was killed: give it more images")
     process.send_signal(signal.SIGKILL)
     process.wait()
-    return seen
+    return faces_at_kill
 
 
 def main():
@@ -67,7 +67,7 @@ def main():
         shutil.copy(sys.argv[1], f"faces/{k:03}.png") if k == 0 else os.link("faces/000.png", f"faces/{k:03}.png")
     before = 0
     for number in range(1, ROUNDS + 1):
-        seen = kill_once(number, before, rng.random() * 0.25)
+        faces_at_kill = kill_once(number, before, rng.random() * 0.25)
         if not os.path.exists("people.db"):
             continue
         base = sqlite3.connect("people.db")
@@ -78,11 +78,11 @@ def main():
         done = subprocess.run([PROGRAM, "people", "list", "--json"], capture_output=True, text=True, check=False)
         if done.returncode not in (0, 1, 3):
             fail(f"round {number}: people list: {done.returncode}: {done.stderr}")
-        elif done.returncode != 0 and seen > 0:
-            fail(f"round {number}: {seen} faces were there, now none: {done.stderr}")
+        elif done.returncode != 0 and faces_at_kill > 0:
+            fail(f"round {number}: {faces_at_kill} faces were there, now none: {done.stderr}")
         after = sum(json.loads(line)["faces"] for line in done.stdout.splitlines())
-        if after < max(seen, before):
-            fail(f"round {number}: {seen} faces before the kill, {before} before the run, {after} after it")
+        if after < max(faces_at_kill, before):
+            fail(f"round {number}: {faces_at_kill} faces before the kill, {before} before the run, {after} after it")
         before = after
     if before < ROUNDS // 2:
         fail(f"only {before} faces were ever enrolled: the test tests nothing")

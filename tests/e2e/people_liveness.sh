@@ -4,21 +4,21 @@
 # events, exit status. docs/results.md has the error rates.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
-film() { # film NAME head|photo SEED
+make_video() { # make_video NAME head|photo SEED
   run pose synth -o "$1" --challenge "$2" --tasks 2 --seed "$3" --yaw 30 --size 400x300 --near 450 --far 500 --quiet
   expect_status 0
 }
-ask() { # ask NAME SEED
+run_liveness() { # run_liveness NAME SEED
   run people liveness "$1/images" --sequence --fps 15 --fixed-order --tasks 2 --seed "$2" --json
 }
 
-film real head 1
-ask real 1
+make_video real head 1
+run_liveness real 1
 expect_status 0
 expect_out '"event":"liveness"' '"state":"ask"' '"state":"passed"' '"done":2' '"liveness":\{"state":"look"'
 
-film print photo 1
-ask print 1
+make_video print photo 1
+run_liveness print 1
 expect_status 1
 grep -q '"state":"passed"' stdout.txt && fail "a photograph passed"
 expect_out '"event":"liveness"'

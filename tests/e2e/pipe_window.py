@@ -15,11 +15,11 @@ import subprocess
 import sys
 import time
 
-from cli_verbs import STOP_CPU, children_cpu
+from cli_verbs import MAX_STOP_CPU, children_cpu
 from processes import cpu_seconds
 
 PROGRAM = os.environ["TARSIER"]
-PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "300"))  # s; only a failing test waits this long
+TIMEOUT = int(os.environ.get("TARSIER_TEST_TIMEOUT", "300"))  # s; only a failing test waits this long
 
 
 class Failed(Exception):
@@ -37,15 +37,15 @@ class Session:
         for name in ("DISPLAY", "WAYLAND_DISPLAY"):
             environment.pop(name, None)
         environment["TARSIER_WINDOW"] = "pipe:%d:%d" % (child_in, child_out)
-        handed = [child_in, child_out]
+        passed_fds = [child_in, child_out]
         if viewer:
             environment["TARSIER_VIEWER"] = str(child_viewer)
-            handed.append(child_viewer)
+            passed_fds.append(child_viewer)
         self.stdout = open("stdout.txt", "w+")
         self.stderr = open("stderr.txt", "w+")
         self.program = subprocess.Popen([PROGRAM] + arguments, stdin=subprocess.DEVNULL, stdout=self.stdout,
-                                        stderr=self.stderr, env=environment, pass_fds=handed)
-        for fd in handed:
+                                        stderr=self.stderr, env=environment, pass_fds=passed_fds)
+        for fd in passed_fds:
             os.close(fd)
         fcntl.fcntl(self.out, fcntl.F_SETFL, os.O_NONBLOCK)
         self.bytes = b""
@@ -54,15 +54,15 @@ class Session:
         self.frame = self.age = None
         self.ended = False
 
-    def say(self, **line):
+    def send(self, **line):
         self.write(json.dumps(line).encode() + b"\n")
 
     def write(self, text):
         os.write(self.to, text)
 
-    def read(self, patience=0.05):
+    def read(self, timeout=0.05):
         """Reads all available records."""
-        if self.ended or not select.select([self.out], [], [], patience)[0]:
+        if self.ended or not select.select([self.out], [], [], timeout)[0]:
             return
         try:
             got = os.read(self.out, 1 << 20)
@@ -96,7 +96,7 @@ class Session:
                 raise Failed("a record of kind %r" % kind)
 
     def until(self, what, condition):
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT
         while not condition():
             if self.ended:
                 raise Failed("%s: ended, waiting for %s; stderr: %s" % (self.name, what, self.log()))
@@ -113,7 +113,7 @@ class Session:
 
     def next_image(self, save=None):
         before = self.images
-        self.say(want=1)
+        self.send(want=1)
         self.until("image", lambda: self.images > before)
         if self.image[:3] != b"\xff\xd8\xff" or self.image[-2:] != b"\xff\xd9":
             raise Failed("%s: what was sent is no JPEG" % self.name)
@@ -122,9 +122,9 @@ class Session:
                 file.write(self.image)
         return self.image
 
-    def ends(self, status=0):
+    def expect_exit(self, status=0):
         """Reads until the program ends by itself."""
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT
         while self.program.poll() is None:
             self.read()
             if self.ended:
@@ -141,19 +141,19 @@ class Session:
                          (self.name, self.program.returncode, status, self.log()))
 
     def close(self, status=0):
-        self.say(close=True)
-        self.ends(status)
-        self.away()
+        self.send(close=True)
+        self.expect_exit(status)
+        self.close_pipes()
 
     def interrupt(self):
         """Seconds of processor time from SIGINT to the end: a user's waiting time on an idle machine."""
         before = children_cpu() + (cpu_seconds(self.program.pid) or 0.0)
         self.program.send_signal(signal.SIGINT)
-        self.ends(130)
-        self.away()
+        self.expect_exit(130)
+        self.close_pipes()
         return max(0.0, children_cpu() - before)
 
-    def away(self):
+    def close_pipes(self):
         for fd in (self.to, self.out, self.viewer):
             if fd is not None:
                 os.close(fd)
@@ -173,7 +173,7 @@ def expect(truth, text):
         print("FAILED: " + text, flush=True)
 
 
-def started(arguments, **more):
+def start_session(arguments, **more):
     """A session that has received its first frame or image."""
     session = Session(arguments, **more)
     session.until("image", lambda: session.state and session.state["width"] and
@@ -184,97 +184,97 @@ def started(arguments, **more):
     return session
 
 
-def act(session, name, what, condition):
-    session.say(action=name)
+def perform(session, name, what, condition):
+    session.send(action=name)
     session.until("%s after action %s" % (what, name), lambda: condition(session.state["state"]))
 
 
-def changes(session, line, what):
+def expect_change(session, line, what):
     """The image changes after this event."""
-    before, asked = session.image, -1
-    session.say(**line)
+    before, requested = session.image, -1
+    session.send(**line)
 
-    def is_other():
-        nonlocal asked
-        if session.images > asked:
-            asked = session.images
-            session.say(want=1)
+    def has_changed():
+        nonlocal requested
+        if session.images > requested:
+            requested = session.images
+            session.send(want=1)
         return session.image != before
 
-    session.until(what, is_other)
+    session.until(what, has_changed)
 
 
-def interrupted_quickly(arguments, session=None):
+def expect_quick_interrupt(arguments, session=None):
     """SIGINT ends it within half a second, in the best of a few tries: other programs may use the machine's caches."""
     best = None
     for _ in range(5):
-        session = session or started(arguments)
+        session = session or start_session(arguments)
         took, session = session.interrupt(), None
         best = took if best is None else min(best, took)
-        if best <= STOP_CPU:
+        if best <= MAX_STOP_CPU:
             return
-    expect(False, "tarsier %s: it computed for %.2f s after SIGINT" % (" ".join(arguments), best))
+    expect(False, "tarsier %s: %.2f CPU s after SIGINT" % (" ".join(arguments), best))
 
 
 def cartoon():
     arguments = ["cartoon", "run", "synth:portrait?live=1", "--json"]
-    s = started(arguments)
+    s = start_session(arguments)
     s.next_image("cartoon.jpg")
     expect(s.state["frame"]["source"] == "live", "cartoon: source %s" % s.state["frame"])
     first = s.frame
     s.next_image()
     expect(s.frame > first, "cartoon: frame %d after %d" % (s.frame, first))
-    expect(s.age < 60000, "cartoon: an age of %d ms" % s.age)
+    expect(s.age < 60000, "cartoon: the age is %d ms" % s.age)
     images = s.images
     states = s.states
     s.until("states", lambda: s.states > states + 5)
-    expect(s.images == images, "cartoon: an image that nobody wanted")
+    expect(s.images == images, "cartoon: an image without a request")
     # While paused, a redrawn image is shown; the panel of keys is not.
-    act(s, "pause", "paused", lambda state: state["paused"])
+    perform(s, "pause", "paused", lambda state: state["paused"])
     s.next_image()
     frozen = s.next_image()
-    s.say(key=ord("h"))
+    s.send(key=ord("h"))
     s.until("help", lambda: s.state["state"]["help"])
     expect(s.next_image() == frozen, "cartoon: the panel of keys is on the image")
-    changes(s, {"action": "sketch"}, "sketch while it is paused")
-    changes(s, {"slider": "sketch-threshold", "value": 240}, "other lines")
+    expect_change(s, {"action": "sketch"}, "sketch while it is paused")
+    expect_change(s, {"slider": "sketch-threshold", "value": 240}, "other lines")
     expect(s.state["sliders"]["sketch-threshold"] == 240, "cartoon: sliders %s" % s.state["sliders"])
-    s.say(max_width=320, quality=50)
+    s.send(max_width=320, quality=50)
     small = s.next_image("cartoon-small.jpg")
     expect(s.state["width"] in (320, 640) and len(small) < len(frozen), "cartoon: the small image is %d bytes" % len(small))
     s.write(b"nonsense\n" + b"x" * 100000 + b"\n")
-    act(s, "pause", "going on", lambda state: not state["paused"])
+    perform(s, "pause", "resumed", lambda state: not state["paused"])
     expect("a line is passed over" in s.log(), "cartoon: no warning of a broken line: " + s.log())
     s.close()
-    lines = [json.loads(line) for line in s_output()]
+    lines = [json.loads(line) for line in stdout_lines()]
     expect(any(line.get("event") == "action sketch" for line in lines), "cartoon: no line of the action")
-    interrupted_quickly(arguments)
+    expect_quick_interrupt(arguments)
     # Other ways to end: q, the end of IN, the end of OUT.
-    s = started(arguments)
-    s.say(key=ord("q"))
+    s = start_session(arguments)
+    s.send(key=ord("q"))
     s.until("finished", lambda: s.state["finished"])
-    s.ends(0)
-    s.away()
-    s = started(arguments)
+    s.expect_exit(0)
+    s.close_pipes()
+    s = start_session(arguments)
     os.close(s.to)
     s.to = None
-    s.ends(0)
-    s.away()
-    s = started(arguments)
+    s.expect_exit(0)
+    s.close_pipes()
+    s = start_session(arguments)
     os.close(s.out)
     s.out, s.ended = None, True
-    s.ends(0)
-    s.away()
+    s.expect_exit(0)
+    s.close_pipes()
 
 
-def s_output():
+def stdout_lines():
     return open("stdout.txt").read().splitlines()
 
 
 def slow_reader():
     """Nobody reads: the program continues, and its memory does not grow."""
-    s = started(["cartoon", "run", "synth:bars?live=1&size=1920x1080", "--json", "--mode", "none"])
-    s.say(want=1)
+    s = start_session(["cartoon", "run", "synth:bars?live=1&size=1920x1080", "--json", "--mode", "none"])
+    s.send(want=1)
     pid = s.program.pid
 
     def pages():
@@ -283,27 +283,27 @@ def slow_reader():
     def frames():
         return open("stdout.txt").read().count("\n")
 
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + TIMEOUT
     while s.states < 20 and time.monotonic() < end:
         s.read()
-    held, seen = pages(), int(s.state["frame"]["index"])
+    pages_before, index_before = pages(), int(s.state["frame"]["index"])
     time.sleep(2)  # about fifty frames arrive meanwhile
     expect(s.program.poll() is None, "slow reader: the program has ended")
-    expect(pages() - held < 16384, "slow reader: %d pages more" % (pages() - held))
-    s.until("newer state", lambda: s.state["frame"]["index"] > seen + 20)
+    expect(pages() - pages_before < 16384, "slow reader: %d pages more" % (pages() - pages_before))
+    s.until("newer state", lambda: s.state["frame"]["index"] > index_before + 20)
     s.next_image("bars.jpg")
     s.close()
 
 
 def stills():
-    s = started(["cartoon", "run", "images", "--json"])
+    s = start_session(["cartoon", "run", "images", "--json"])
     first = s.state["frame"]["name"]
     s.next_image("stills.jpg")
-    s.say(key=0x10002)
+    s.send(key=0x10002)
     s.until("next image", lambda: s.state["frame"]["name"] != first)
     second = s.state["frame"]["name"]
     expect("next-image" in [action["name"] for action in s.hello["actions"]], "stills: no action next-image")
-    s.say(action="next-image")
+    s.send(action="next-image")
     s.until("third image", lambda: s.state["frame"]["name"] != second)
     expect(s.state["frame"]["source"] == "file" and s.state["frame"]["age_ms"] == 0, "stills: %s" % s.state["frame"])
     s.close()
@@ -311,165 +311,165 @@ def stills():
 
 def landmarks():
     arguments = ["landmarks", "track", "synth:portrait?live=1&fps=15", "--window", "--json"]
-    s = started(arguments)
+    s = start_session(arguments)
     s.until("face", lambda: s.state["state"]["faces"] == 1)
     s.next_image("landmarks.jpg")
-    changes(s, {"action": "numbers"}, "numbers")
-    act(s, "smooth", "no smoothing", lambda state: not state["smoothing"])
+    expect_change(s, {"action": "numbers"}, "numbers")
+    perform(s, "smooth", "no smoothing", lambda state: not state["smoothing"])
     s.close()
-    interrupted_quickly(arguments)
+    expect_quick_interrupt(arguments)
 
 
 def annotate():
     arguments = ["landmarks", "annotate", "images", "-o", "set.yaml", "--json", "--proposals", "off"]
-    s = started(arguments)
-    s.say(max_width=512)
+    s = start_session(arguments)
+    s.send(max_width=512)
     s.next_image("annotate.jpg")
     # Clicks on the reduced image are mapped to points of the image.
     left, top, scale = s.state["state"]["view"]
-    wanted = [(200, 150), (320, 240), (400, 300)]
-    for count, (x, y) in enumerate(wanted, 1):
+    clicked = [(200, 150), (320, 240), (400, 300)]
+    for count, (x, y) in enumerate(clicked, 1):
         at = {"x": (left + scale * x + 0.5) / 2 - 0.5, "y": (top + scale * y + 0.5) / 2 - 0.5}
-        s.say(mouse="left-down", **at)
-        s.say(mouse="left-up", **at)
+        s.send(mouse="left-down", **at)
+        s.send(mouse="left-up", **at)
         s.until("point %d" % count, lambda: s.state["state"]["points"] == count)
         s.next_image("annotate.jpg")
-    expect(s.state["state"]["places"] == [[float(x), float(y)] for x, y in wanted], "annotate: %s" % s.state["state"]["places"])
+    expect(s.state["state"]["places"] == [[float(x), float(y)] for x, y in clicked], "annotate: %s" % s.state["state"]["places"])
     for stage in ("connections", "symmetry", "images"):
-        s.say(key=13)
+        s.send(key=13)
         s.until("stage " + stage, lambda: s.state["state"]["stage"] == stage)
-    s.say(action="go-on")
+    s.send(action="go-on")
     s.until("next image", lambda: s.state["state"]["image"] == 1)
     s.next_image("annotate-next.jpg")
-    s.say(key=9)
+    s.send(key=9)
     s.until("chosen point", lambda: s.state["state"]["selected"] == 0)
-    act(s, "hide", "hidden point", lambda state: state["places"][0] is None and state["places"][1] is not None)
-    act(s, "undo", "point again", lambda state: state["places"][0] is not None)
+    perform(s, "hide", "hidden point", lambda state: state["places"][0] is None and state["places"][1] is not None)
+    perform(s, "undo", "point again", lambda state: state["places"][0] is not None)
     s.close()
     points = json.load(open("set.yaml"))["payload"]["samples"][0]["points"]
-    expect(all(abs(p[0] - w[0]) < 0.01 and abs(p[1] - w[1]) < 0.01 for p, w in zip(points, wanted)),
-           "annotate: clicked %s, got %s" % (wanted, points))
-    s = started(["landmarks", "show", "set.yaml", "--json"])
+    expect(all(abs(p[0] - w[0]) < 0.01 and abs(p[1] - w[1]) < 0.01 for p, w in zip(points, clicked)),
+           "annotate: clicked %s, got %s" % (clicked, points))
+    s = start_session(["landmarks", "show", "set.yaml", "--json"])
     s.next_image("show-set.jpg")
-    changes(s, {"action": "mirrored"}, "mirrored image")
+    expect_change(s, {"action": "mirrored"}, "mirrored image")
     s.close()
-    interrupted_quickly(["landmarks", "show", "set.yaml", "--json"])
+    expect_quick_interrupt(["landmarks", "show", "set.yaml", "--json"])
 
 
 def explore():
     arguments = ["aam", "explore", "--json"]
-    s = started(arguments)
+    s = start_session(arguments)
     expect(len(s.hello["sliders"]) >= 4, "explore: sliders %s" % s.hello["sliders"])
     s.next_image("explore.jpg")
-    changes(s, {"slider": "shape 1", "value": 2.5}, "another shape")
+    expect_change(s, {"slider": "shape 1", "value": 2.5}, "another shape")
     s.until("slider", lambda: s.state["sliders"]["shape 1"] == 2.5 and s.state["state"]["shape"][0] == 2.5)
-    changes(s, {"action": "mesh"}, "mesh")
+    expect_change(s, {"action": "mesh"}, "mesh")
     s.close()
-    interrupted_quickly(arguments)
-    s = started(["landmarks", "show", os.path.join(os.environ["TARSIER_SOURCE"], "models/landmarks68.json"), "--json"])
+    expect_quick_interrupt(arguments)
+    s = start_session(["landmarks", "show", os.path.join(os.environ["TARSIER_SOURCE"], "models/landmarks68.json"), "--json"])
     s.next_image("show-model.jpg")
-    act(s, "next", "next patch", lambda state: state["patch"] == 1)
+    perform(s, "next", "next patch", lambda state: state["patch"] == 1)
     s.close()
 
 
 def calibrate():
     arguments = ["calibrate", "synth:board?live=1&fps=8", "--board", "chess:9x6", "--square", "25mm", "-o", "camera.yaml",
                  "--window", "--json"]
-    s = started(arguments)
+    s = start_session(arguments)
     s.until("view", lambda: s.state["state"]["views"] >= 1)
     s.next_image("calibrate.jpg")
     views = s.state["state"]["views"]
-    act(s, "undo", "view forgotten", lambda state: state["views"] != views)
+    perform(s, "undo", "view forgotten", lambda state: state["views"] != views)
     s.until("views again", lambda: s.state["state"]["views"] >= 4)
-    s.say(key=ord("q"))
-    s.ends(0)
-    s.away()
+    s.send(key=ord("q"))
+    s.expect_exit(0)
+    s.close_pipes()
     expect(os.path.exists("camera.yaml"), "calibrate: no camera.yaml")
-    interrupted_quickly(arguments)
+    expect_quick_interrupt(arguments)
 
 
 def plates():
     arguments = ["plate", "read", "synth:drive", "--window", "--json"]
-    s = started(arguments)
+    s = start_session(arguments)
     begin = time.monotonic()
     s.until("half a second of the video", lambda: s.state["frame"]["time"] >= 0.5)
-    expect(time.monotonic() - begin > 0.05 or s.states > 2, "plates: it does not play at its speed")
+    expect(time.monotonic() - begin > 0.05 or s.states > 2, "plates: the video is not played at its own speed")
     s.next_image("plates.jpg")
-    act(s, "pause", "paused", lambda state: state["paused"])
-    changes(s, {"action": "characters"}, "characters")
+    perform(s, "pause", "paused", lambda state: state["paused"])
+    expect_change(s, {"action": "characters"}, "characters")
     s.close()
-    interrupted_quickly(arguments)
+    expect_quick_interrupt(arguments)
 
 
 def markers():
     arguments = ["ar", "markers", "synth:markers?live=1&fps=15", "--window", "--json"]
-    s = started(arguments)
+    s = start_session(arguments)
     s.until("markers", lambda: s.state["state"]["markers"] >= 1)
-    act(s, "cube", "cubes", lambda state: state["draw"] == "cube")
+    perform(s, "cube", "cubes", lambda state: state["draw"] == "cube")
     s.next_image("markers.jpg")
     s.close()
-    interrupted_quickly(arguments)
+    expect_quick_interrupt(arguments)
 
 
 def people():
     arguments = ["people", "live", "synth:portrait?live=1&fps=15", "--gallery", "people.db", "--json"]
-    s = started(arguments)
+    s = start_session(arguments)
     s.until("face", lambda: s.state["state"]["recognized"])
     # The button in the image, clicked with the mouse.
     s.next_image("people.jpg")
-    s.say(mouse="left-down", x=50, y=20)
+    s.send(mouse="left-down", x=50, y=20)
     s.until("collecting", lambda: s.state["state"]["mode"] == "collect")
     s.until("faces", lambda: s.state["state"]["people"] and s.state["state"]["people"][0]["faces"] >= 2)
-    act(s, "train", "trained", lambda state: state["mode"] == "recognize")
+    perform(s, "train", "trained", lambda state: state["mode"] == "recognize")
     s.until("known face", lambda: any(face["known"] for face in s.state["state"]["recognized"]) and
             not s.state["state"]["flash"])
     s.next_image("people-known.jpg")
     s.close()
-    interrupted_quickly(arguments)
+    expect_quick_interrupt(arguments)
     # Nobody is enrolled. A seen person is stored, grouped, named by typing, and then known. Then the naming is undone.
-    s = started(["people", "live", "synth:portrait?live=1&fps=15", "--gallery", "unknown.db", "--keep", "1d", "--json"])
+    s = start_session(["people", "live", "synth:portrait?live=1&fps=15", "--gallery", "unknown.db", "--keep", "1d", "--json"])
     s.until("sighting", lambda: s.state["state"]["unknown"]["waiting"] == 1)
-    s.say(action="groups")
+    s.send(action="groups")
     s.until("group", lambda: s.state["state"]["unknown"] == {"groups": 1, "waiting": 0})
     s.until("list", lambda: s.state["state"]["panel"] and [row["id"] for row in s.state["state"]["panel"]["rows"]] == [1])
     s.next_image("people-groups.jpg")
-    s.say(key=27)
+    s.send(key=27)
     s.until("no list", lambda: s.state["state"]["panel"] is None)
     s.until("its group", lambda: [face["group"] for face in s.state["state"]["recognized"]] == [1])
     s.next_image("people-group.jpg")
-    s.say(action="name")
+    s.send(action="name")
     s.until("a name is asked for", lambda: (s.state["state"]["panel"] or {}).get("typing") == "Person 1")
     for letter in "Zoe":
-        s.say(key=ord(letter))
+        s.send(key=ord(letter))
     s.until("the name", lambda: s.state["state"]["panel"]["typing"] == "Zoe")
     s.next_image("people-naming.jpg")
-    s.say(key=13)
+    s.send(key=13)
     s.until("Zoe", lambda: any(face["known"] and face["label"] == "Zoe" for face in s.state["state"]["recognized"]))
-    s.say(action="log")
+    s.send(action="log")
     s.until("corrections", lambda: (s.state["state"]["panel"] or {}).get("list") == "corrections")
     s.next_image("people-log.jpg")
-    s.say(action="undo")
+    s.send(action="undo")
     s.until("nobody", lambda: s.state["state"]["people"] == [] and s.state["state"]["unknown"]["groups"] == 1)
     s.close()
 
 
 def pose():
     arguments = ["pose", "track", "synth:portrait?live=1&fps=15", "--window", "--json"]
-    s = started(arguments)
+    s = start_session(arguments)
     s.until("face", lambda: s.state["state"]["faces"] == 1)
     s.next_image("pose.jpg")
-    s.say(key=ord("d"))
-    act(s, "draw", "another drawing", lambda state: state["draw"] != "axes")
+    s.send(key=ord("d"))
+    perform(s, "draw", "another drawing", lambda state: state["draw"] != "axes")
     s.close()
-    interrupted_quickly(arguments)
+    expect_quick_interrupt(arguments)
 
 
 def online():
-    s = started(["sfm", "reconstruct", "scene/images", "--camera-file", "scene/camera.yaml", "-o", "model",
-                 "--max-features", "500", "--pairs", "sequential", "--overlap", "4", "--online", "--window", "--json"])
+    s = start_session(["sfm", "reconstruct", "scene/images", "--camera-file", "scene/camera.yaml", "-o", "model",
+                       "--max-features", "500", "--pairs", "sequential", "--overlap", "4", "--online", "--window", "--json"])
     s.until("model", lambda: s.state["state"]["points"] > 50)
     s.next_image("sfm.jpg")
-    changes(s, {"key": 0x10001}, "turned cloud")
+    expect_change(s, {"key": 0x10001}, "turned cloud")
     s.close()
     expect(os.path.exists("model/points3D.txt"), "sfm: no model is written")
 
@@ -502,34 +502,34 @@ def viewer():
             s.viewer = None
         else:
             os.write(s.viewer, struct.pack(">I", 0 if how == "nothing" else (16 << 20) + 1))
-        s.ends(4)
+        s.expect_exit(4)
         expect(s.state["frame"]["source"] == "lost", "viewer: the last state is %s" % s.state["frame"])
-        s.away()
+        s.close_pipes()
     # A camera without a window: calibrate treats it as a session.
     s = Session(["calibrate", "viewer:ab12", "--board", "chess:9x6", "--square", "25mm", "-o", "none.yaml", "--json"],
                 viewer=True)
     os.write(s.viewer, record(good))
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + TIMEOUT
     while '"verdict":"no board"' not in s.output() and s.program.poll() is None and time.monotonic() < end:
         time.sleep(0.02)
     expect('"verdict":"no board"' in s.output(), "viewer: calibrate says " + s.output() + s.log())
     os.close(s.viewer)
     s.viewer = None
-    s.ends(4)
-    s.away()
+    s.expect_exit(4)
+    s.close_pipes()
 
 
 if __name__ == "__main__":
     checks = [cartoon, slow_reader, stills, landmarks, annotate, explore, calibrate, plates, markers, people, pose, online,
               viewer]
-    wanted = sys.argv[1:]
+    selected = sys.argv[1:]
     for check in checks:
-        if wanted and check.__name__ not in wanted:
+        if selected and check.__name__ not in selected:
             continue
         begin = time.monotonic()
         try:
             check()
-        except Failed as trouble:
-            expect(False, "%s: %s" % (check.__name__, trouble))
+        except Failed as error:
+            expect(False, "%s: %s" % (check.__name__, error))
         print("%s: %.1f s" % (check.__name__, time.monotonic() - begin), flush=True)
     sys.exit(1 if failures else 0)

@@ -82,13 +82,13 @@ def main():
     broker, hub = start_broker(), start_hub()
     nodes = {name: start_node(name) for name in NODES}
     largest = 0
-    for turn in range(ROUNDS):
-        written = sum(site.given(name) for name in NODES)
-        site.wait_for(lambda before=written: restart_ended(nodes) or sum(site.given(name) for name in NODES) > before, 30)
+    for number in range(ROUNDS):
+        written = sum(site.assigned_numbers(name) for name in NODES)
+        site.wait_for(lambda before=written: restart_ended(nodes) or sum(site.assigned_numbers(name) for name in NODES) > before, 30)
         time.sleep(random.uniform(0, 1))  # at any moment of their work
         victim = random.choice(["broker", "hub", *NODES])
-        what = random.choice(["killed", "cut off"])
-        if what == "cut off":
+        fault = random.choice(["killed", "cut off"])
+        if fault == "cut off":
             ip("link", "set", f"to-{victim}", "down")
             time.sleep(random.uniform(0.1, 1))
             ip("link", "set", f"to-{victim}", "up")
@@ -102,19 +102,19 @@ def main():
             site.end(nodes[victim], signal.SIGKILL)
         restart_ended(nodes)
         largest = max(largest, *(size_of(name) for name in NODES))
-        print(f"   {turn + 1}: {victim} {what}; {len(site.stored())} stored of {sum(site.given(name) for name in NODES)}", flush=True)
+        print(f"   {number + 1}: {victim} {fault}; {len(site.stored())} stored of {sum(site.assigned_numbers(name) for name in NODES)}", flush=True)
     for node in nodes.values():
         node.wait()
 
-    def is_all():
+    def all_events_sent():
         return all(not site.rows(f"{name}.db", "SELECT 1 FROM outbox") for name in NODES)
 
     for _ in range(10):  # pending events of a node are sent at its next run at the latest
         for node in [start_node(name) for name in NODES]:
             node.wait()
-        if site.wait_for(is_all, 5):
+        if site.wait_for(all_events_sent, 5):
             break
-    written = {(name, seq) for name in NODES for seq in range(1, site.given(name) + 1)}
+    written = {(name, seq) for name in NODES for seq in range(1, site.assigned_numbers(name) + 1)}
     if not written or not site.wait_for(lambda: site.stored() == written, 30):
         site.fail(f"the hub has {len(site.stored())} events of {len(written)}; {sorted(written - site.stored())[:10]} are missing")
     count = site.rows("events.db", "SELECT count(*), count(DISTINCT node || outbox || seq) FROM hub_event")
@@ -125,7 +125,7 @@ def main():
         closed = {event["text"] for event in events if event["state"] == "closed"}
         if closed != truth[name] or not closed:
             site.fail(f"{name}: vehicles {sorted(closed)}, and an undisturbed drive has {sorted(truth[name])}")
-    if not is_all():
+    if not all_events_sent():
         site.fail("a node keeps what the hub has stored")
     if largest > 2_000_000:
         site.fail(f"an outbox grew to {largest} bytes")

@@ -44,12 +44,12 @@ def command(seed, frames):
 
 rng = random.Random(int(sys.argv[1]) if len(sys.argv) > 1 else 1)
 before = {}
-certain_in_all = 0
+certain_count = 0
 for number in range(ROUNDS):
     process = subprocess.Popen(command(number % 3, 20), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     lines = []
-    wanted = rng.randrange(0, 16)
-    while len(lines) < wanted:
+    lines_before_kill = rng.randrange(0, 16)
+    while len(lines) < lines_before_kill:
         line = process.stdout.readline()
         if not line:
             break
@@ -69,7 +69,7 @@ for number in range(ROUNDS):
                 certain[track["id"]] = track["text"]
             elif track["id"] in certain:  # it may be removed again
                 del certain[track["id"]]
-    certain_in_all += len(certain)
+    certain_count += len(certain)
     if os.path.exists("plates.db") and os.path.getsize("plates.db") > 0:
         database = sqlite3.connect("plates.db")
         check = database.execute("PRAGMA integrity_check").fetchone()[0]
@@ -80,17 +80,17 @@ for number in range(ROUNDS):
     for entry, (text, _) in before.items():
         if entry not in after or after[entry][0] != text:
             fail(f"round {number}: entry {entry} of an earlier run is gone or changed")
-    fresh = [text for entry, (text, _) in after.items() if entry not in before]
+    new_texts = [text for entry, (text, _) in after.items() if entry not in before]
     for text in certain.values():
         # The vote of a frame whose line was not written may have changed a character.
-        match = difflib.get_close_matches(text, fresh, 1, 0.6)
+        match = difflib.get_close_matches(text, new_texts, 1, 0.6)
         if not match:
-            fail(f"round {number}, killed after {len(lines)} lines: {text} was certain, the log has {fresh}")
+            fail(f"round {number}, killed after {len(lines)} lines: {text} was certain, the log has {new_texts}")
         else:
-            fresh.remove(match[0])
+            new_texts.remove(match[0])
     before = after
-if certain_in_all < ROUNDS:
-    fail(f"only {certain_in_all} vehicles were ever certain: the test tests nothing")
+if certain_count < ROUNDS:
+    fail(f"only {certain_count} vehicles were ever certain: the test tests nothing")
 
 # A run that ends normally closes its own entries. Open entries of the other runs stay marked as interrupted.
 done = subprocess.run(command(0, 20), capture_output=True, text=True)
@@ -104,5 +104,5 @@ for entry, (text, state) in last.items():
         fail(f"entry {entry} is {state} after all has ended")
 if not any(state == "interrupted" for _, state in last.values()):
     fail("no entry was ever interrupted")
-print(f"{certain_in_all} certain vehicles in {ROUNDS} runs, {len(last)} entries")
+print(f"{certain_count} certain vehicles in {ROUNDS} runs, {len(last)} entries")
 sys.exit(1 if failures else 0)

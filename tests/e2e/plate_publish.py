@@ -103,7 +103,7 @@ def rows(path, query):
         database.close()
 
 
-def given(name):
+def assigned_numbers(name):
     """How many numbers a node's outbox has assigned."""
     found = rows(f"{name}.db", "SELECT seq FROM sqlite_sequence WHERE name = 'outbox'")
     return found[0][0] if found else 0
@@ -113,10 +113,10 @@ def stored():
     return {(n, s) for n, s in rows("events.db", "SELECT node, seq FROM hub_event")}
 
 
-def wait_for(what, patience=60):
-    end_time = time.time() + patience
+def wait_for(condition, timeout=60):
+    end_time = time.time() + timeout
     while time.time() < end_time:
-        if what():
+        if condition():
             return True
         time.sleep(0.1)
     return False
@@ -128,7 +128,7 @@ def check_kills():
     cars = [os.path.join("cars/images", name) for name in sorted(os.listdir("cars/images"))]
     names = ["gate", "yard"]
     nodes = {name: node(broker, name, cars * 20) for name in names}
-    centre = hub(broker)
+    hub_process = hub(broker)
     for turn in range(ROUNDS):
         time.sleep(random.uniform(0.2, 1.2))
         victim = random.choice(["broker", "hub", *names])
@@ -137,45 +137,45 @@ def check_kills():
             time.sleep(random.uniform(0, 0.5))
             broker.start()
         elif victim == "hub":
-            end(centre, signal.SIGKILL)
-            centre = hub(broker)
+            end(hub_process, signal.SIGKILL)
+            hub_process = hub(broker)
         else:
             end(nodes[victim], signal.SIGKILL)
             nodes[victim] = node(broker, victim, cars * 5)
-        print(f"   {turn + 1}: {victim} killed; {len(stored())} stored of {sum(given(n) for n in names)}", flush=True)
+        print(f"   {turn + 1}: {victim} killed; {len(stored())} stored of {sum(assigned_numbers(n) for n in names)}", flush=True)
     for name in names:  # the last run of each node: pending events of its outbox are sent with the next run at the latest
         if nodes[name].wait(120) not in (0, 1):
             fail(f"{name} ended with {nodes[name].returncode}: {open(name + '.err').read()[-500:]}")
 
-    def is_all():
+    def all_events_sent():
         return all(not rows(f"{name}.db", "SELECT 1 FROM outbox") for name in names)
 
     turns = 0
-    while not is_all() and turns < 10:
+    while not all_events_sent() and turns < 10:
         turns += 1
         for process in [node(broker, name, cars[:1]) for name in names]:
             process.wait(60)
-        wait_for(is_all, 3)
-    truth = {(name, seq) for name in names for seq in range(1, given(name) + 1)}
+        wait_for(all_events_sent, 3)
+    truth = {(name, seq) for name in names for seq in range(1, assigned_numbers(name) + 1)}
     if not truth or not wait_for(lambda: stored() == truth, 30):
         fail(f"the hub has {len(stored())} events of {len(truth)}; {sorted(truth - stored())[:10]} are missing")
     count = rows("events.db", "SELECT count(*), count(DISTINCT node || outbox || seq) FROM hub_event")
     if count != [(len(truth), len(truth))]:
         fail(f"doubles: {count} of {len(truth)}")
-    if not is_all():
+    if not all_events_sent():
         fail("a node keeps what the hub has stored")
-    end(centre, signal.SIGINT)
+    end(hub_process, signal.SIGINT)
     # A new hub starts empty: the nodes no longer have events that another hub has stored, and it does not wait for them.
     os.rename("events.db", "first.db")
     for ending in ("-wal", "-shm"):
         if os.path.exists("events.db" + ending):
             os.unlink("events.db" + ending)
-    centre = hub(broker, "--json")
+    hub_process = hub(broker, "--json")
     node(broker, "gate", cars[:1]).wait(60)
     if not wait_for(lambda: not rows("gate.db", "SELECT 1 FROM outbox"), 30):
         fail("a new hub does not get on with an old node")
     wait_for(lambda: '"node":"gate"' in open("hub.out").read(), 10)
-    end(centre, signal.SIGINT)
+    end(hub_process, signal.SIGINT)
     listed = subprocess.run([TARSIER, "hub", "--log", "events.db", "--list", "--json"], capture_output=True, text=True)
     lines = [json.loads(line) for line in listed.stdout.splitlines()]
     if listed.returncode != 0 or not lines or lines[0]["node"] != "gate" or lines[0]["event"] != "plate":
@@ -249,11 +249,11 @@ def check_states():
         fail(f"a node that has ended is {states!r}")
     end(broker.process)
     # Without a broker, reading continues, and the events wait.
-    before = given("porch")
+    before = assigned_numbers("porch")
     begin = time.time()
     result = subprocess.run([TARSIER, "plate", "read", "cars/images", "-o", "none", "--publish", f"mqtt://127.0.0.1:{broker.port}/site/porch",
                              "--outbox", "porch.db"], capture_output=True, text=True)
-    if result.returncode != 0 or given("porch") <= before or "events wait in porch.db" not in result.stderr or time.time() - begin > 30:
+    if result.returncode != 0 or assigned_numbers("porch") <= before or "events wait in porch.db" not in result.stderr or time.time() - begin > 30:
         fail(f"a broker that is away: {result}")
 
 

@@ -80,24 +80,24 @@ run pose solve --object square.txt --points square-seen.txt --focal 760
 expect_out 'two poses, the better one first'
 
 # What has no answer says why.
-refused() { # STATUS PATTERN ARGUMENTS..
+expect_refusal() { # STATUS PATTERN ARGUMENTS..
   local status_wanted=$1 pattern=$2
   shift 2
   run pose solve "$@"
   expect_status "$status_wanted"
   expect_error "$pattern"
 }
-refused 3 'coplanar' --object square.txt --points square-seen.txt --focal 760 --method posit
-refused 3 'line' --object line.txt --points seen.txt --focal 760
-refused 3 'at least 4 points' --object three.txt --points three-seen.txt --focal 760
-refused 3 'nan.txt: line 1: .*not finite' --object cube.txt --points nan.txt --focal 760
-refused 3 "words.txt: line 1: 'one' is no number" --object words.txt --points seen.txt --focal 760
-refused 3 'has 9 points, the object 8' --object cube.txt --points square-seen.txt --focal 760
-refused 3 'line 2: 2 numbers where a point has 3' --object seen.txt --points seen.txt --focal 760
-refused 3 'gone.txt' --object gone.txt --points seen.txt --focal 760
-refused 2 '--focal' --object cube.txt --points seen.txt
-refused 2 'corner' --object cube.txt --points seen.txt --focal 760 --origin corner
-refused 2 'reference' --object cube.txt --points seen.txt --focal 760 --reference 8
-refused 2 '-o needs' --object cube.txt --points seen.txt --focal 760 -o x.png
-refused 6 'nowhere' --object cube.txt --points corner.txt --camera 760,760,319.5,239.5 -o /proc/nowhere/x.png
+expect_refusal 3 'coplanar' --object square.txt --points square-seen.txt --focal 760 --method posit
+expect_refusal 3 'line' --object line.txt --points seen.txt --focal 760
+expect_refusal 3 'at least 4 points' --object three.txt --points three-seen.txt --focal 760
+expect_refusal 3 'nan.txt: line 1: .*not finite' --object cube.txt --points nan.txt --focal 760
+expect_refusal 3 "words.txt: line 1: 'one' is no number" --object words.txt --points seen.txt --focal 760
+expect_refusal 3 'has 9 points, the object 8' --object cube.txt --points square-seen.txt --focal 760
+expect_refusal 3 'line 2: 2 numbers where a point has 3' --object seen.txt --points seen.txt --focal 760
+expect_refusal 3 'gone.txt' --object gone.txt --points seen.txt --focal 760
+expect_refusal 2 '--focal' --object cube.txt --points seen.txt
+expect_refusal 2 'corner' --object cube.txt --points seen.txt --focal 760 --origin corner
+expect_refusal 2 'reference' --object cube.txt --points seen.txt --focal 760 --reference 8
+expect_refusal 2 '-o needs' --object cube.txt --points seen.txt --focal 760 -o x.png
+expect_refusal 6 'nowhere' --object cube.txt --points corner.txt --camera 760,760,319.5,239.5 -o /proc/nowhere/x.png
 finish

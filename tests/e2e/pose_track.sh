@@ -188,22 +188,22 @@ expect_out 'yaw +within 1 sigma 0\.0 % \(0 of 1; 0-[0-9]+\), within 2 100\.0 % \
 printf 'mtllib ../../etc/passwd\nv 0 0 0\nf 1 1 1\n' >outside.obj
 printf 'v 0 0 0\nf 1 2 3\n' >range.obj
 printf '%0100000d' 0 | tr 0 '[' >deep.json
-refused() { # STATUS PATTERN ARGUMENTS..
+expect_refusal() { # STATUS PATTERN ARGUMENTS..
   local status_wanted=$1 pattern=$2
   shift 2
   run pose track "$messi" "$@"
   expect_status "$status_wanted"
   expect_error "$pattern"
 }
-refused 3 'outside the folder' --draw outside.obj
-refused 3 'range.obj: line 2: vertex 2 of 1' --draw range.obj
-refused 3 'gone.obj' --draw gone.obj
-refused 2 'Wavefront' --draw teapot
-refused 5 'deep.json' --head deep.json
-refused 5 'gone.json' --head gone.json
-refused 3 'thing.mtl' --mapping thing.mtl
-refused 3 'thing.obj' --camera thing.obj
-refused 2 'focal' --focal -3
+expect_refusal 3 'outside the folder' --draw outside.obj
+expect_refusal 3 'range.obj: line 2: vertex 2 of 1' --draw range.obj
+expect_refusal 3 'gone.obj' --draw gone.obj
+expect_refusal 2 'Wavefront' --draw teapot
+expect_refusal 5 'deep.json' --head deep.json
+expect_refusal 5 'gone.json' --head gone.json
+expect_refusal 3 'thing.mtl' --mapping thing.mtl
+expect_refusal 3 'thing.obj' --camera thing.obj
+expect_refusal 2 'focal' --focal -3
 run pose eval --pointing video
 expect_status 3
 expect_error 'Pointing'

@@ -96,11 +96,11 @@ def difference(one, other, path=""):
 
 
 def main():
-    cli_verbs.take_inputs()
+    cli_verbs.prepare_inputs()
     before = state_of_inputs()
     # All except doctor, which reports the number of threads.
     left_out = {"doctor"} if os.environ.get("TARSIER_TEST_ALL") else {"doctor", *LONG}
-    verbs = sys.argv[1:] or cli_verbs.my_share([verb for verb in cli_verbs.VALID if verb not in left_out])
+    verbs = sys.argv[1:] or cli_verbs.shard_of([verb for verb in cli_verbs.VALID if verb not in left_out])
     for verb in verbs:
         begin = cli_verbs.children_cpu()
         lines, files = run_with(1, verb, cli_verbs.VALID[verb])

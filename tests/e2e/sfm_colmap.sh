@@ -18,8 +18,8 @@ error_of() {
   awk '$1 == "registered" {n = $2} $1 == "center_mean_percent" {e = $2} END {printf "%d %d", n, 100 * e + 0.5}' stdout.txt
 }
 
-# good FOLDER WHAT
-good() {
+# expect_accurate FOLDER WHAT
+expect_accurate() {
   local registered hundredths
   read -r registered hundredths <<<"$(error_of "$1")"
   [ "$registered" -eq 6 ] && [ "$hundredths" -le 10 ] || fail "$2: $registered images, $hundredths/100 % off"
@@ -30,7 +30,7 @@ cp model/*.bin binary/
 [ "$(error_of binary)" = "$(error_of model)" ] || fail "the binary model is another one than the text model"
 run sfm reconstruct scene/images --database model/database.db --no-cache -o again
 expect_status 0
-good again "from our own database"
+expect_accurate again "from our own database"
 
 # --- what cannot go on ---
 run sfm reconstruct scene/images --database none.db -o none
@@ -60,8 +60,8 @@ fewer=(--max-features 800 --no-cache)
 lens=(--camera-file twelve/camera.yaml)
 run sfm reconstruct eight "${fewer[@]}" "${lens[@]}" -o of-eight --export binary
 expect_status 0
-# all_twelve FOLDER WHAT
-all_twelve() {
+# expect_all_twelve FOLDER WHAT
+expect_all_twelve() {
   run sfm eval "$1" --truth twelve/truth.jsonl
   awk '$1 == "registered" {n = $2} $1 == "center_mean_percent" {e = $2} END {exit !(n == 12 && e <= 0.1)}' stdout.txt || fail "$2: $out"
 }
@@ -73,7 +73,7 @@ for model in of-eight eight-binary; do
   expect_status 0
   expect_out 'start model: 8 of 8 images'
   expect_out 'model 0: 12 of 12 images'
-  all_twelve "on-$model" "going on from $model"
+  expect_all_twelve "on-$model" "going on from $model"
 done
 for file in cameras.txt images.txt points3D.txt; do
   cmp "on-of-eight/$file" "on-eight-binary/$file" || fail "the binary model gives another $file"
@@ -100,7 +100,7 @@ PY
 run sfm reconstruct twelve/images "${fewer[@]}" --start-model of-eight --fixed-poses -o fixed
 expect_status 0
 same_poses of-eight fixed || fail "fixed poses have moved"
-all_twelve fixed "with fixed poses"
+expect_all_twelve fixed "with fixed poses"
 same_poses of-eight on-of-eight && fail "nothing was adjusted"
 run sfm reconstruct twelve/images "${fewer[@]}" --start-model of-eight --fixed-poses --only-start-images -o only
 expect_status 0
@@ -172,13 +172,13 @@ fixed=(--Mapper.ba_refine_focal_length 0 --Mapper.ba_refine_extra_params 0)
 mkdir theirs adjusted triangulated
 colmap mapper --database_path model/database.db --image_path scene/images --output_path theirs "${fixed[@]}" >colmap.log 2>&1 </dev/null ||
   fail "colmap mapper"
-good theirs/0 "COLMAP's mapper on our database"
+expect_accurate theirs/0 "COLMAP's mapper on our database"
 colmap bundle_adjuster --input_path binary --output_path adjusted --BundleAdjustment.refine_focal_length 0 \
   --BundleAdjustment.refine_extra_params 0 >>colmap.log 2>&1 </dev/null || fail "colmap bundle_adjuster"
-good adjusted "COLMAP's adjustment of our model"
+expect_accurate adjusted "COLMAP's adjustment of our model"
 colmap point_triangulator --database_path model/database.db --image_path scene/images --input_path binary --output_path triangulated \
   >>colmap.log 2>&1 </dev/null || fail "colmap point_triangulator"
-good triangulated "COLMAP's points for our cameras"
+expect_accurate triangulated "COLMAP's points for our cameras"
 {
   colmap feature_extractor --database_path own.db --image_path scene/images --SiftExtraction.use_gpu 0 \
     --SiftExtraction.max_num_features 1500 &&
@@ -186,7 +186,7 @@ good triangulated "COLMAP's points for our cameras"
 } >>colmap.log 2>&1 </dev/null || fail "COLMAP's features and matches"
 run sfm reconstruct scene/images --database own.db --camera-file scene/camera.yaml --no-cache -o from-colmap
 expect_status 0
-good from-colmap "our mapper on COLMAP's database"
+expect_accurate from-colmap "our mapper on COLMAP's database"
 
 # Either program goes on from the other's model of four of the six images.
 mkdir four theirs-of-four theirs-of-ours
@@ -204,7 +204,7 @@ run sfm reconstruct four "${common[@]}" -o four-model
 expect_status 0
 colmap mapper --database_path model/database.db --image_path scene/images --input_path four-model --output_path theirs-of-ours "${fixed[@]}" \
   >>colmap.log 2>&1 </dev/null || fail "colmap mapper on our model"
-good theirs-of-ours "COLMAP's mapper on our model"
+expect_accurate theirs-of-ours "COLMAP's mapper on our model"
 
 # Its fusion of our dense workspace: the points lie where ours are. Its Poisson surface is read.
 run sfm synth -o dense-scene --images 5 --size 240x180 --depth --quiet
@@ -213,16 +213,16 @@ run sfm dense dense-scene/truth/sparse --images dense-scene/images -o dense --th
 expect_status 0
 colmap stereo_fusion --workspace_path dense --output_path dense/fused.ply --StereoFusion.min_num_pixels 3 >>colmap.log 2>&1 </dev/null ||
   fail "colmap stereo_fusion"
-# exact FIELD WHAT: of the cloud or the surface at least 90 % is within 1 % of the extent.
-exact() {
+# expect_accurate_surface FIELD WHAT: of the cloud or the surface at least 90 % is within 1 % of the extent.
+expect_accurate_surface() {
   python3 -c "import json, sys; sys.exit(not json.loads(sys.argv[1])$1[2]['accuracy'] >= 0.9)" "$out" || fail "$2: $out"
 }
 run sfm eval dense --dense --truth dense-scene/truth --json
 expect_status 0
-exact '["cloud"]' "COLMAP's fusion of our depth maps"
+expect_accurate_surface '["cloud"]' "COLMAP's fusion of our depth maps"
 colmap poisson_mesher --input_path dense/fused.ply --output_path poisson.ply --PoissonMeshing.trim 7 >>colmap.log 2>&1 </dev/null ||
   fail "colmap poisson_mesher"
 run sfm eval dense --dense --mesh poisson.ply --truth dense-scene/truth --json
 expect_status 0
-exact '["mesh"]["thresholds"]' "COLMAP's surface of our depth maps"
+expect_accurate_surface '["mesh"]["thresholds"]' "COLMAP's surface of our depth maps"
 finish

@@ -10,8 +10,8 @@ dense=(sfm dense --images scene/images --quality draft --threads 1)
 field() { # field FILE EXPRESSION: of a JSON file, as `j`
   python3 -c 'import json, sys; j = json.load(open(sys.argv[1])); print(eval(sys.argv[2]))' "$1" "$2"
 }
-# changed NAME SCRIPT: a copy of the model whose lines (of cameras, images or points, as lists of words) SCRIPT changes
-changed() {
+# make_changed_model NAME SCRIPT: a copy of the model whose lines (of cameras, images or points, as lists of words) SCRIPT changes
+make_changed_model() {
   cp -r $model "$1"
   python3 - "$1" "$2" <<'PY'
 import sys
@@ -48,27 +48,27 @@ cmp -s killed/fused.ply whole/fused.ply || fail "killed and continued: another c
 [ "$(stat -c %Y.%i "$first")" = "$before" ] || fail "$first was made again"
 
 # --- an image that shares nothing with others is named, with the reason ---
-changed lonely 'images[0][5:8] = ["1000", "0", "0"]'
+make_changed_model lonely 'images[0][5:8] = ["1000", "0", "0"]'
 run "${dense[@]}" lonely -o lonely-dense
 expect_status 0
 grep -q '0000.jpg' stderr.txt || fail "no word of the image that is left out: $err"
 [ "$(field lonely-dense/dense.json 'bool(j["images"][0]["reason"])')" = True ] || fail "no reason in dense.json"
 
 # --- nothing can be done: one line, and why ---
-changed one 'images[2:] = []; points[:] = []'
+make_changed_model one 'images[2:] = []; points[:] = []'
 run "${dense[@]}" one -o no
 expect_status 3
 expect_error
-changed same 'images[1::2] = images[1::2]
+make_changed_model same 'images[1::2] = images[1::2]
 for i in range(2, len(images), 2): images[i][1:8] = images[0][1:8]'
 run "${dense[@]}" same -o no
 expect_status 3
 expect_error 'taken from where the others were'
-changed nan 'points[0][1] = "nan"'
+make_changed_model nan 'points[0][1] = "nan"'
 run "${dense[@]}" nan -o no
 expect_status 3
 expect_error points3D
-changed tilted 'images[0][1:5] = ["nan", "0", "0", "0"]'
+make_changed_model tilted 'images[0][1:5] = ["nan", "0", "0", "0"]'
 run "${dense[@]}" tilted -o no
 expect_status 3
 expect_error images.txt

@@ -120,7 +120,7 @@ done
 [ $partial -gt 0 ] || printf 'note: no Ctrl-C came between positions and the end\n'
 
 # --- what can be checked is checked before the work ---
-refused() { # refused STATUS PATTERN ARGUMENTS..: without a look at an image's features
+expect_refusal() { # expect_refusal STATUS PATTERN ARGUMENTS..: without a look at an image's features
   local expected=$1 pattern=$2
   shift 2
   mapping unused "$@"
@@ -132,17 +132,17 @@ refused() { # refused STATUS PATTERN ARGUMENTS..: without a look at an image's f
 printf '0000.jpg,0,0,0\n0001.jpg,1,0,0\nelsewhere.jpg,0,1,0\n' >two.csv
 printf '0000.jpg,0,0,0\n0001.jpg,1,1,1\n0002.jpg,2,2,2\n' >line.csv
 printf '0000.jpg,0,0\n' >bad.csv
-refused 3 'missing.csv' --align missing.csv
-refused 3 'line 1' --align bad.csv
-refused 3 '2 of 3 names' --align two.csv
-refused 3 'in a line' --align line.csv
-refused 3 '0 of 10 images' --align gps
-refused 2 'nobody.jpg' --distance 2 --distance-between 0000.jpg nobody.jpg
-refused 2 'two images' --distance 2 --distance-between 0000.jpg 0000.jpg
-refused 2 'needs --distance-between' --distance 2
-refused 2 'needs --distance,' --distance-between 0000.jpg 0001.jpg
+expect_refusal 3 'missing.csv' --align missing.csv
+expect_refusal 3 'line 1' --align bad.csv
+expect_refusal 3 '2 of 3 names' --align two.csv
+expect_refusal 3 'in a line' --align line.csv
+expect_refusal 3 '0 of 10 images' --align gps
+expect_refusal 2 'nobody.jpg' --distance 2 --distance-between 0000.jpg nobody.jpg
+expect_refusal 2 'two images' --distance 2 --distance-between 0000.jpg 0000.jpg
+expect_refusal 2 'needs --distance-between' --distance 2
+expect_refusal 2 'needs --distance,' --distance-between 0000.jpg 0001.jpg
 printf '0000.jpg nobody.jpg\n' >pairs.txt
-refused 3 'line 1' --pairs pairs.txt
+expect_refusal 3 'line 1' --pairs pairs.txt
 
 # --- what shows only afterwards leaves the model, and says so ---
 mkdir mixed

@@ -16,9 +16,9 @@ import time
 from processes import cpu_seconds
 
 PROGRAM = os.environ["TARSIER"]
-PATIENCE = int(os.environ.get("TARSIER_TEST_TIMEOUT", "600"))  # s
+TIMEOUT = int(os.environ.get("TARSIER_TEST_TIMEOUT", "600"))  # s
 # Keys of report.json that describe the run, not its result.
-OF_THE_RUN = ("stages", "from_cache", "resumed")
+RUN_KEYS = ("stages", "from_cache", "resumed")
 failures = []
 
 
@@ -39,7 +39,7 @@ def start(folder, mapper):
 def run(folder, mapper):
     """Runs to the end; returns the processor time."""
     before = os.times()
-    done = subprocess.run(command(folder, mapper), stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(command(folder, mapper), stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT, check=False)
     if done.returncode != 0:
         fail(f"{mapper}: exit status {done.returncode}: {done.stderr}")
     after = os.times()
@@ -58,25 +58,25 @@ def files_of(folder):
                 content = file.read()
             if name == "report.json":
                 report = json.loads(content)
-                content = json.dumps({key: value for key, value in report.items() if key not in OF_THE_RUN}).encode()
+                content = json.dumps({key: value for key, value in report.items() if key not in RUN_KEYS}).encode()
             result[os.path.relpath(path, folder)] = content
     return result
 
 
-def kill_once(mapper, moment):
+def kill_once(mapper, delay):
     """Returns the progress of the killed run: nothing, features and pairs, or a checkpoint of the mapping; or that it had ended."""
     process = start("killed", mapper)
-    deadline = time.monotonic() + PATIENCE
-    while (used := cpu_seconds(process.pid)) is not None and used < moment and time.monotonic() < deadline:
+    deadline = time.monotonic() + TIMEOUT
+    while (used := cpu_seconds(process.pid)) is not None and used < delay and time.monotonic() < deadline:
         time.sleep(0.002)
     ended = process.poll() is not None
     process.send_signal(signal.SIGKILL)
     process.wait()
     if ended:
         return "ended"
-    kept = os.listdir("killed/cache") if os.path.isdir("killed/cache") else []
+    cached = os.listdir("killed/cache") if os.path.isdir("killed/cache") else []
     for ending in ("mapper", "pairs", "features"):
-        if any(name.endswith("." + ending) for name in kept):
+        if any(name.endswith("." + ending) for name in cached):
             return ending
     return "nothing"
 
@@ -92,21 +92,21 @@ def main():
         expected = files_of("whole")
         if "points3D.txt" not in expected:
             sys.exit(f"FAILED: {mapper}: no model")
-        had = {}
+        progress_counts = {}
         for k in range(kills):
             shutil.rmtree("killed", ignore_errors=True)
-            moment = (k + rng.random()) / kills * total
-            kept = kill_once(mapper, moment)
-            had[kept] = had.get(kept, 0) + 1
+            delay = (k + rng.random()) / kills * total
+            progress = kill_once(mapper, delay)
+            progress_counts[progress] = progress_counts.get(progress, 0) + 1
             run("killed", mapper)
-            made = files_of("killed")
-            for name in sorted(set(expected) | set(made)):
-                if expected.get(name) != made.get(name):
-                    fail(f"{mapper}: killed after {moment:.2f} of {total:.2f} CPU s ({kept}), resumed: another {name}")
-        print(f"{mapper}: {total:.1f} CPU s, {kills} kills; the killed runs had: {had}", flush=True)
-        if had.get("ended", 0) * 3 > kills:
-            fail(f"{mapper}: {had['ended']} runs had ended before the kill: the test tests little")
-        if kills >= 6 and "mapper" not in had:
+            resumed = files_of("killed")
+            for name in sorted(set(expected) | set(resumed)):
+                if expected.get(name) != resumed.get(name):
+                    fail(f"{mapper}: killed after {delay:.2f} of {total:.2f} CPU s ({progress}), resumed: another {name}")
+        print(f"{mapper}: {total:.1f} CPU s, {kills} kills; the killed runs had: {progress_counts}", flush=True)
+        if progress_counts.get("ended", 0) * 3 > kills:
+            fail(f"{mapper}: {progress_counts['ended']} runs had ended before the kill: the test tests little")
+        if kills >= 6 and "mapper" not in progress_counts:
             fail(f"{mapper}: no run was killed while it mapped: the test tests little")
     sys.exit(1 if failures else 0)
 

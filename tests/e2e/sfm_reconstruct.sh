@@ -32,18 +32,18 @@ sys.exit(json.loads(sys.argv[1])["from_cache"] != 6 + 15)
 PY
 cmp -s model/images.txt first.txt || fail "the second run gives another model"
 run sfm synth -o little --images 3 --size 240x180 --seed 3
-little() { # little FOLDER ARGUMENTS..
+set_small_scene_words() { # set_small_scene_words FOLDER ARGUMENTS..
   local folder=$1
   shift
   words=(sfm reconstruct little/images --camera-file little/camera.yaml --max-features 400 -o "$folder" --quiet "$@")
 }
-little whole
+set_small_scene_words whole
 start=$(date +%s.%N)
 run "${words[@]}"
 expect_status 0
 seconds=$(python3 -c "import sys, time; print(time.time() - float(sys.argv[1]))" "$start")
 for share in 0.1 0.3 0.5 0.7 0.9; do
-  little "killed-$share"
+  set_small_scene_words "killed-$share"
   timeout -s KILL "$(python3 -c "print($share * $seconds)")" "$TARSIER" "${words[@]}" >/dev/null 2>&1 || true
   run "${words[@]}" --threads 1
   expect_status 0
@@ -53,17 +53,17 @@ for share in 0.1 0.3 0.5 0.7 0.9; do
 done
 
 # --- little memory; what adjustment did ---
-little limited --debug-dir looked
-most=4194304  # kB
-[ -z "${TARSIER_SANITIZED:-}" ] || most=unlimited  # sanitizers map terabytes that they never touch
-(ulimit -v $most && "$TARSIER" "${words[@]}") >/dev/null 2>stderr.txt || fail "4 GB are not enough: $(cat stderr.txt)"
+set_small_scene_words limited --debug-dir looked
+memory_limit=4194304  # kB
+[ -z "${TARSIER_SANITIZED:-}" ] || memory_limit=unlimited  # sanitizers map terabytes that they never touch
+(ulimit -v $memory_limit && "$TARSIER" "${words[@]}") >/dev/null 2>stderr.txt || fail "4 GB are not enough: $(cat stderr.txt)"
 cmp -s limited/images.txt whole/images.txt || fail "--debug-dir or a limit of memory changes the model"
 for file in grown-001-before grown-001-after model-0; do
   [ -s "looked/$file.ply" ] && [ -s "looked/$file.png" ] || fail "--debug-dir: no $file"
 done
 
 # --- simulated views ---
-little wide --wide --json
+set_small_scene_words wide --wide --json
 run "${words[@]}"
 expect_status 0
 python3 - "$out" <<'PY' || fail "--wide gives no more points"
@@ -71,7 +71,7 @@ import json, sys
 plain = sum(not line.startswith('#') for line in open('whole/points3D.txt'))
 sys.exit(json.loads(sys.argv[1])["models"][0]["points"] <= plain)
 PY
-little none --wide --features orb
+set_small_scene_words none --wide --features orb
 run "${words[@]}"
 expect_status 2
 expect_error '--wide .*--features sift'

@@ -48,7 +48,7 @@ online() { # online FOLDER ARGUMENTS..
   exec "$TARSIER" sfm reconstruct video/images --camera-file video/camera.yaml --max-features 500 --pairs sequential \
     --overlap 4 -o "$folder" --online --json "$@" >stdout.txt 2>stderr.txt
 }
-grown() { # waits for three images in the model
+wait_until_grown() { # waits for three images in the model
   for _ in $(seq 6000); do
     grep -qE '"registered":([3-9]|1.)' stdout.txt && return
     sleep 0.05
@@ -57,14 +57,14 @@ grown() { # waits for three images in the model
 }
 : >stdout.txt
 status=0
-(online ended --actions -) < <(grown; printf 'adjust\nquit\n') || status=$?
+(online ended --actions -) < <(wait_until_grown; printf 'adjust\nquit\n') || status=$?
 [ "$status" -eq 0 ] || fail "online, quit: exit status $status: $(cat stderr.txt)"
 expect_out '"event":"action adjust"' '"event":"action quit"'
 [ -s ended/points3D.txt ] || fail "online, quit: there is no model"
 : >stdout.txt
 (online stopped) </dev/null &
 program=$!
-grown
+wait_until_grown
 kill -INT $program
 status=0
 wait $program || status=$?

@@ -52,14 +52,14 @@ point_y() { echo $((160 + 90 * ($1 / 5) + 12 * ($1 % 3))); }
 
 start_annotate video.avi -o set.yaml --window
 press space '"paused":true'
-picked() { # picked NUMBER: the frame on show, unless it is still the one before
+pick() { # pick NUMBER: the frame on show, unless it is still the one before
   local before
   before=$(events)
   xdotool key s
   wait_for "key s" more_events_than "$before" && state | grep -q "\"message\":\"Picked: $1 "
 }
 for number in 1 2 3; do
-  wait_for "image $number is picked" picked $number
+  wait_for "image $number is picked" pick $number
   press Right '"paused":true' # the next frame
 done
 [ "$(ls set-frames/*.png | wc -l)" -eq 3 ] || fail "three frames should be picked: $(ls set-frames)"
@@ -70,8 +70,8 @@ keep points.ppm
 kill -KILL $program
 wait $program 2>/dev/null
 program=
-gone() { ! x11 geometry "Tarsier annotate" >/dev/null; }
-wait_for "the killed program's window to go" gone
+is_closed() { ! x11 geometry "Tarsier annotate" >/dev/null; }
+wait_for "the killed program's window to go" is_closed
 
 start_annotate video.avi -o set.yaml --window
 press g '"points":6'
@@ -88,17 +88,17 @@ for pair in 0:4 1:3 2:2 5:9 6:8 7:7; do
   for i in ${pair%:*} ${pair#*:}; do click "$(point_x "$i")" "$(point_y "$i")"; done
 done
 press Return '"stage":"images"'
-ready() { # the proposal is there when the image's points are
+has_proposal() { # the proposal is there when the image's points are
   xdotool key i
   sleep 0.2
   state | grep -q '"shown":10'
 }
-wait_for "a proposal" ready
+wait_for "a proposal" has_proposal
 press '0' '"image":1'
 
 keep proposal.ppm
 press Return '"image":2'
-wait_for "a proposal" ready
+wait_for "a proposal" has_proposal
 press Tab '"selected":0'
 press Right '"selected":0'
 press plus '"zoom":1\.25'

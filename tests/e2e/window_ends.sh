@@ -12,8 +12,8 @@ ended && fail "a still image did not wait"
 press s '"mode":"sketch"'
 [ -z "$(ls shown 2>/dev/null)" ] || fail "written before the user went on"
 xdotool key Right
-second() { grep -q 'home.jpg' stdout.txt; }
-wait_for "the next image" second
+shows_second_image() { grep -q 'home.jpg' stdout.txt; }
+wait_for "the next image" shows_second_image
 press q '"event":"key '
 expect_end 0
 [ "$(ls shown)" = $'box.png\nhome.jpg' ] || fail "files: $(ls shown)"
@@ -21,8 +21,8 @@ grep -q '"image":"[^"]*home.jpg","mode":"sketch"' stdout.txt || fail "the mode t
 
 # In full screen from the start.
 start $samples/home.jpg --fullscreen
-whole() { [ "$(x11 geometry "Tarsier cartoon")" = "0 0 1024 768" ]; }
-wait_for "full screen" whole
+is_fullscreen() { [ "$(x11 geometry "Tarsier cartoon")" = "0 0 1024 768" ]; }
+wait_for "full screen" is_fullscreen
 read -r red green blue <<<"$(x11 mean 450 300 100 100)"
 [ $((red + green + blue)) -gt 0 ] || fail "nothing on the screen"
 press q '"event":"key '
@@ -68,8 +68,8 @@ if command -v Xvfb >/dev/null; then
   Xvfb :$number -screen 0 640x480x24 -noreset 2>/dev/null &
   server=$!
   export DISPLAY=:$number
-  answers() { xdotool getmouselocation >/dev/null 2>&1; }
-  wait_for "another X server" answers
+  server_responds() { xdotool getmouselocation >/dev/null 2>&1; }
+  wait_for "another X server" server_responds
   start $samples/vtest.avi --window -o gone.mp4
   sleep 1
   kill -TERM $server

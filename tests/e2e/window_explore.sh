@@ -10,22 +10,22 @@ wait_for_window "Tarsier appearance"
 xdotool mousemove 300 400
 wait_for_image
 # The window takes its size in steps, and is looked for again each time.
-place() { read -r left top width height <<<"$(x11 geometry "Tarsier appearance")"; }
-face() { place && x11 mean $((left + width / 2 - 60)) $((top + height / 2 - 20)) 120 120; }
+read_geometry() { read -r left top width height <<<"$(x11 geometry "Tarsier appearance")"; }
+face() { read_geometry && x11 mean $((left + width / 2 - 60)) $((top + height / 2 - 20)) 120 120; }
 
 is_mean_face() { [ "$before" = "$(face)" ]; }
 is_other_face() { [ "$before" != "$(face)" ]; }
 
-# The mean face lies on the screen, and the window in its place, when six looks in a row agree.
-before='' looks=0
-settled() {
+# The mean face lies on the screen, and the window in its place, when six readings in a row agree.
+before='' equal_readings=0
+is_settled() {
   local last=$before
-  place
+  read_geometry
   before="$left $top $width $height $(face)"
-  if [ "$last" = "$before" ]; then looks=$((looks + 1)); else looks=0; fi
-  [ "$looks" -ge 5 ]
+  if [ "$last" = "$before" ]; then equal_readings=$((equal_readings + 1)); else equal_readings=0; fi
+  [ "$equal_readings" -ge 5 ]
 }
-wait_for "a still image" settled
+wait_for "a still image" is_settled
 before=$(face)
 press r '"mode":"shape 1"'
 wait_for "a random face on the screen" is_other_face
@@ -39,7 +39,7 @@ press plus '"shape":\[0\.0,0\.25,'
 moved=no
 for above in 12 16 8 20; do
   events_before=$(events)
-  place
+  read_geometry
   xdotool mousemove $((left + width - 20)) $((top + height - above)) click 1
   sleep 1
   if more_events_than "$events_before"; then moved=yes && break; fi
@@ -48,7 +48,7 @@ done
 grep '"event"' stdout.txt | tail -1 | grep -qE '"event":"[^"]*(shape|look) [1-4]' ||
   fail "no slider moved: $(grep '"event"' stdout.txt | tail -1)"
 wait_for "the slider's face on the screen" is_other_face
-place
+read_geometry
 xdotool mousemove $((left + width / 2)) $((top + height / 2))
 xdotool key q
 expect_end 0

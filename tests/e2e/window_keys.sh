@@ -12,13 +12,13 @@ read -r x y width height <<<"$(x11 geometry "Tarsier cartoon")"
 # Modes, on a frozen frame. The image without the status line below it.
 press space '"paused":true'
 image() { x11 "$1" "$x" "$y" 640 400; }
-another() { # another: the hash of the screen once it shows what was not seen before
-  x11 stable "$patience" "$program" "$x" "$y" 640 400 "${!seen[@]}"
+new_image_hash() { # new_image_hash: the hash of the screen once it shows what was not seen before
+  x11 stable "$max_wait" "$program" "$x" "$y" 640 400 "${!seen[@]}"
 }
 declare -A seen
 for step in s:sketch p:paint c:cartoon e:evil e:evil-sketch a:alien m:smooth n:none; do
   press "${step%%:*}" "\"mode\":\"${step##*:}\""
-  hash=$(another) || { fail "${step##*:} looks like one of ${seen[*]}"; break; }
+  hash=$(new_image_hash) || { fail "${step##*:} looks like one of ${seen[*]}"; break; }
   seen[$hash]=${step##*:}
   if [ "${step##*:}" = sketch ]; then
     read -r red green blue <<<"$(image mean)"
@@ -27,16 +27,16 @@ for step in s:sketch p:paint c:cartoon e:evil e:evil-sketch a:alien m:smooth n:n
 done
 keep none.ppm
 press d '"debug":true'
-another >/dev/null || fail "no debug view"
+new_image_hash >/dev/null || fail "no debug view"
 keep debug.ppm
 press d '"debug":false'
-is_none() { [ "${seen[$(image hash)]:-}" = none ]; }
-wait_for "the image is back" is_none
+is_unprocessed() { [ "${seen[$(image hash)]:-}" = none ]; }
+wait_for "the image is back" is_unprocessed
 press h '"help":true'
-another >/dev/null || fail "no help"
+new_image_hash >/dev/null || fail "no help"
 keep help.ppm
 press h '"help":false'
-wait_for "the image is back" is_none
+wait_for "the image is back" is_unprocessed
 press c '"mode":"cartoon"'
 press plus '"sketch_threshold":85'
 press minus '"sketch_threshold":80'
@@ -48,8 +48,8 @@ press w '"saved":"saved/tarsier-0002.png"'
 cmp -s saved/tarsier-0001.png saved/tarsier-0002.png || fail "the frozen image was saved twice, differently"
 press space '"paused":false'
 first=$(image hash)
-changed() { [ "$(image hash)" != "$first" ]; }
-wait_for "the video goes on" changed
+has_changed() { [ "$(image hash)" != "$first" ]; }
+wait_for "the video goes on" has_changed
 
 # Keys that come faster than frames all count.
 before=$(events)
@@ -71,19 +71,19 @@ grep '"event"' stdout.txt | tail -1 | grep -q '"evil_threshold":12[,}]' && fail 
 # Full screen: all of it, no pointer; and back.
 [ "$(x11 cursor)" -gt 0 ] || fail "no pointer in the window"
 press f '"event":"key f"'
-whole() { [ "$(x11 geometry "Tarsier cartoon")" = "0 0 1024 768" ]; }
-wait_for "full screen" whole
-no_pointer() { xdotool mousemove_relative 3 2 && [ "$(x11 cursor)" -eq 0 ]; }
-wait_for "the pointer is hidden" no_pointer
+is_fullscreen() { [ "$(x11 geometry "Tarsier cartoon")" = "0 0 1024 768" ]; }
+wait_for "full screen" is_fullscreen
+pointer_is_hidden() { xdotool mousemove_relative 3 2 && [ "$(x11 cursor)" -eq 0 ]; }
+wait_for "the pointer is hidden" pointer_is_hidden
 keep fullscreen.ppm
 read -r red green blue <<<"$(x11 mean 0 100 1024 500)"
 [ "$red" -gt 150 ] || fail "the sketch does not fill the screen: $red $green $blue"
 press p '"mode":"paint"'
 press f '"event":"key f"'
-small() { ! whole; }
-wait_for "back from full screen" small
-pointer() { xdotool mousemove_relative 3 2 && [ "$(x11 cursor)" -gt 0 ]; }
-wait_for "the pointer is back" pointer
+is_windowed() { ! is_fullscreen; }
+wait_for "back from full screen" is_windowed
+pointer_is_shown() { xdotool mousemove_relative 3 2 && [ "$(x11 cursor)" -gt 0 ]; }
+wait_for "the pointer is back" pointer_is_shown
 keep back.ppm
 
 press Escape '"event":"key '

@@ -21,11 +21,11 @@ press p '"patch":1,'
 press w '"search":31'
 grep '"event"' stdout.txt | tail -1 | grep -q '"image":"messi5.jpg"' || fail "$command_line: not on the image"
 read -r left top width _ <<<"$(x11 geometry "Tarsier patches")"
-before=$(x11 stable "$patience" "$program" "$left" "$top" 900 500)
+before=$(x11 stable "$max_wait" "$program" "$left" "$top" 900 500)
 xdotool mousemove $((left + 185 * width / 1000)) $((top + 558 * width / 1000)) # the button "next"
 sleep 0.1
 xdotool click 1
-x11 stable "$patience" "$program" "$left" "$top" 900 500 "$before" >/dev/null || fail "another patch looks the same"
+x11 stable "$max_wait" "$program" "$left" "$top" 900 500 "$before" >/dev/null || fail "another patch looks the same"
 keep patches.ppm
 press question '"help":true.*"patch":2,'
 xdotool key q

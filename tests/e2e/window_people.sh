@@ -49,28 +49,28 @@ click() { # click X Y, of the window
 wait_for "faces" mode_is detect
 click 60 25 # Add Person
 wait_for "collecting" mode_is collect
-taken() { tail -1 stdout.txt | grep -q "\"faces\":[2-9],\"name\":\"$1\""; }
-wait_for "two faces of Ann" taken Ann
+has_two_faces() { tail -1 stdout.txt | grep -q "\"faces\":[2-9],\"name\":\"$1\""; }
+wait_for "two faces of Ann" has_two_faces Ann
 keep collect.ppm
 # Until Ben is there.
-no_face() { tail -1 stdout.txt | grep -q '"faces":\[\]'; }
-a_face() { ! no_face; }
-wait_for "grey" no_face
+has_no_face() { tail -1 stdout.txt | grep -q '"faces":\[\]'; }
+has_face() { ! has_no_face; }
+wait_for "grey" has_no_face
 click 60 25
-wait_for "Ben" a_face
-wait_for "two faces of Ben" taken Ben
+wait_for "Ben" has_face
+wait_for "two faces of Ben" has_two_faces Ben
 keep ben.ppm
-wait_for "grey" no_face
+wait_for "grey" has_no_face
 click 250 250 # elsewhere: ends collecting and trains
 wait_for "recognising" mode_is recognize
-known() { tail -1 stdout.txt | grep -q "\"label\":\"$1\".*\"known\":true"; }
-wait_for "Ann known" known Ann
+is_known() { tail -1 stdout.txt | grep -q "\"label\":\"$1\".*\"known\":true"; }
+wait_for "Ann known" is_known Ann
 keep known.ppm
-wait_for "Ben known" known Ben
-unknown() { tail -1 stdout.txt | grep -q '"known":false'; }
-wait_for "the third unknown" unknown
-late() { [ "$(tail -1 stdout.txt | grep -oE '"frame":[0-9]+' | cut -d: -f2)" -gt $(($(awk '/third/ {print $2}' parts.txt) + 40)) ]; }
-wait_for "more of the third" late
+wait_for "Ben known" is_known Ben
+is_unknown() { tail -1 stdout.txt | grep -q '"known":false'; }
+wait_for "the third unknown" is_unknown
+is_late_in_third() { [ "$(tail -1 stdout.txt | grep -oE '"frame":[0-9]+' | cut -d: -f2)" -gt $(($(awk '/third/ {print $2}' parts.txt) + 40)) ]; }
+wait_for "more of the third" is_late_in_third
 keep unknown.ppm
 xdotool key b
 keep debug.ppm

@@ -21,15 +21,15 @@ class PlainThreads final : public cv::parallel::ParallelForAPI {
  public:
   void parallel_for(int tasks, FN_parallel_for_body_cb_t body, void* data) override {
     std::atomic<int> next{0};
-    std::exception_ptr first;
+    std::exception_ptr first_error;
     std::mutex mutex;
-    const auto work = [&](int number) {
-      thread_number = number;
+    const auto work = [&](int thread) {
+      thread_number = thread;
       try {
         for (int task = next++; task < tasks; task = next++) body(task, task + 1, data);
       } catch (...) {
         const std::lock_guard lock(mutex);
-        if (!first) first = std::current_exception();
+        if (!first_error) first_error = std::current_exception();
       }
     };
     {
@@ -37,7 +37,7 @@ class PlainThreads final : public cv::parallel::ParallelForAPI {
       for (int i = 1; i < std::min(tasks, threads_); ++i) others.emplace_back(work, i);
       work(0);
     }
-    if (first) std::rethrow_exception(first);
+    if (first_error) std::rethrow_exception(first_error);
   }
   int getThreadNum() const override { return thread_number; }
   int getNumThreads() const override { return threads_; }

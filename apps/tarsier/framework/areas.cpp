@@ -49,26 +49,26 @@ Exit status: 0 done, 1 nothing found, 2 usage, 3 bad input, 4 source lost, 5 bad
 )";
 
 // Separate programs, so that what only they need is neither linked nor loaded here.
-std::span<const std::string> behind_area(const Context& given) {
+std::span<const std::string> words_after_area(const Context& given) {
   return std::span(given.words).subspan(1);
 }
 
 void add_companion_demo(Command& app, Context& context) {
   add_demo(app, context, [](const DemoOptions&, const Context& given) -> ExitStatus {
-    become_companion("tarsier-demo", behind_area(given));
+    become_companion("tarsier-demo", words_after_area(given));
   });
 }
 
 void add_companion_bench(Command& app, Context& context) {
   add_bench(app, context,
             [](std::string_view, const BenchOptions&, const Context& given) -> ExitStatus {
-              become_companion("tarsier-bench", behind_area(given));
+              become_companion("tarsier-bench", words_after_area(given));
             });
 }
 
 void add_companion_serve(Command& app, Context& context) {
   add_serve(app, context, [](const ServeOptions&, const Context& given) -> ExitStatus {
-    become_companion("tarsier-serve", behind_area(given));
+    become_companion("tarsier-serve", words_after_area(given));
   });
 }
 
@@ -99,7 +99,7 @@ constexpr Area kAreas[] = {
 
 // The only area whose flags the parser needs for this command line. Empty if it needs all areas:
 // for help, which lists them, and for --config, whose file may have sections of any area.
-std::string only_area(const std::vector<std::string>& words) {
+std::string needed_area(const std::vector<std::string>& words) {
   if (words.empty() || words[0] == "help") return {};
   const bool known = std::any_of(std::begin(kAreas), std::end(kAreas),
                                  [&](const Area& area) { return area.name == words[0]; });
@@ -114,9 +114,9 @@ std::string only_area(const std::vector<std::string>& words) {
 void add_areas(Command& app, Context& context) {
   app.add_version_flag("--version");
   app.require_subcommand(0, 1);
-  const std::string wanted = only_area(context.words);
+  const std::string needed = needed_area(context.words);
   for (const Area& area : kAreas) {
-    if (wanted.empty() || wanted == area.name) area.add(app, context);
+    if (needed.empty() || needed == area.name) area.add(app, context);
   }
   add_examples(app);
 }

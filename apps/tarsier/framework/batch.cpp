@@ -90,7 +90,7 @@ Batch::Batch(const BatchFlags& flags, BatchTable table, const std::vector<std::s
 
   std::set<std::int64_t> done;
   bool is_finished = false;
-  if (is_kept()) {
+  if (stores_results()) {
     std::error_code ignored;
     is_finished = flags.resume && fs::exists(info_path(flags.jsonl), ignored);
     if (is_finished) {
@@ -116,7 +116,7 @@ Batch::Batch(const BatchFlags& flags, BatchTable table, const std::vector<std::s
     if (shard_of(names_[static_cast<std::size_t>(input)], info_.shard.count) != info_.shard.number)
       continue;
     ++share_;
-    if (!is_finished && !done.contains(input)) left_.push_back(input);
+    if (!is_finished && !done.contains(input)) remaining_.push_back(input);
   }
 }
 
@@ -125,9 +125,9 @@ Batch::~Batch() = default;
 std::unique_ptr<FrameSource> Batch::open() {
   log_info("shard {}/{}: {} of {} images, {} of them done before", info_.shard.number,
            info_.shard.count, share_, info_.inputs,
-           share_ - static_cast<std::int64_t>(left_.size()));
+           share_ - static_cast<std::int64_t>(remaining_.size()));
   std::vector<BatchImage> images;
-  for (const std::int64_t input : left_)
+  for (const std::int64_t input : remaining_)
     images.push_back({input, names_[static_cast<std::size_t>(input)]});
   return make_batch_source(
       images, [this](std::int64_t input, const std::string& reason) { skip(input, reason); });

@@ -22,7 +22,7 @@ struct BatchFlags {
   std::string shard;  // "3/20"
   std::string jsonl;  // file of the results
   bool resume = false;
-  [[nodiscard]] bool wanted() const { return !shard.empty() || !jsonl.empty() || resume; }
+  [[nodiscard]] bool is_requested() const { return !shard.empty() || !jsonl.empty() || resume; }
 };
 
 void add_batch_flags(Command& verb, BatchFlags& flags);
@@ -62,7 +62,7 @@ class Batch {
   void finish();
 
   [[nodiscard]] const std::vector<std::string>& names() const { return names_; }  // of all inputs
-  [[nodiscard]] bool is_kept() const { return !flags_.jsonl.empty(); }
+  [[nodiscard]] bool stores_results() const { return !flags_.jsonl.empty(); }
 
  private:
   void write_part(const std::string& path, bool is_table);
@@ -71,9 +71,9 @@ class Batch {
   BatchTable table_;
   std::vector<std::string> names_;
   PartInfo info_;
-  std::int64_t share_ = 0;            // number of inputs in this share
-  std::vector<std::int64_t> left_;    // inputs of this share that are not finished
-  std::unique_ptr<Journal> journal_;  // null: nothing is stored
+  std::int64_t share_ = 0;               // number of inputs in this share
+  std::vector<std::int64_t> remaining_;  // inputs of this share that are not finished
+  std::unique_ptr<Journal> journal_;     // null: nothing is stored
   std::mutex mutex_;
 };
 

@@ -35,7 +35,7 @@ std::string error_of(Call call) {
   return "no error";
 }
 
-TEST(ParseShard, TakesWhatIsOneOfN) {
+TEST(ParseShard, ParsesNumberAndCount) {
   EXPECT_EQ(parse_shard("3/20").number, 3);
   EXPECT_EQ(parse_shard("3/20").count, 20);
   for (const char* text : {"", "3", "0/4", "5/4", "-1/4", "1/0", "a/b", "1/4x", "1/ 4", "1//4"}) {
@@ -43,7 +43,7 @@ TEST(ParseShard, TakesWhatIsOneOfN) {
   }
 }
 
-TEST(ShardOf, IsThatOfTheNameAlone) {
+TEST(ShardOf, DependsOnlyOnTheName) {
   // `printf a.jpg | sha256sum` begins with 509b0d4641a7c3ba, the other name's with ce7f4df72d405389.
   EXPECT_EQ(shard_of("a.jpg", 20), 7);
   EXPECT_EQ(shard_of("a.jpg", 7), 5);
@@ -67,7 +67,7 @@ class JournalTest : public FolderTest {
   std::string file_ = path("journal");
 };
 
-TEST_F(JournalTest, ResumesBehindTheLastWholeEntry) {
+TEST_F(JournalTest, ResumesAfterTheLastCompleteEntry) {
   {
     Journal journal(file_, "{}", false);
     journal.add({4, "four", {"4,1", "4,2"}, {}});
@@ -87,7 +87,7 @@ TEST_F(JournalTest, ResumesBehindTheLastWholeEntry) {
   EXPECT_THAT(lines(journal), ElementsAre("two", "three", "four"));
 }
 
-TEST_F(JournalTest, IsOfOneRunAtATimeAndOfOneBatch) {
+TEST_F(JournalTest, RefusesAConcurrentRunAndAnotherBatch) {
   {
     Journal journal(file_, "{\"a\":1}", false);
     journal.add({0, "x", {}, {}});
@@ -127,7 +127,7 @@ class MergeTest : public FolderTest {
   }
 };
 
-TEST_F(MergeTest, OrdersAsOneRunWouldHave) {
+TEST_F(MergeTest, OrdersLinesByInput) {
   const std::vector<std::string> parts{part(3), part(1), part(2), info_path(part(2))};
   const MergeReport report = merge_parts(parts, path("all"));
   EXPECT_EQ(content(path("all")), "0:0\n0:1\n1:0\n2:1\n4:2\n");
@@ -142,7 +142,7 @@ TEST_F(MergeTest, OrdersAsOneRunWouldHave) {
   EXPECT_EQ(info.skipped[0].second, "d: is broken");
 }
 
-TEST_F(MergeTest, RefusesNumbersThatAreNone) {
+TEST_F(MergeTest, RefusesInvalidNumbers) {
   const std::string file = part(1);
   const std::string good = content(info_path(file));
   for (const auto& [from, to] : {std::pair<std::string, std::string>{"[1,3]", "[1e300,3]"},
@@ -156,7 +156,7 @@ TEST_F(MergeTest, RefusesNumbersThatAreNone) {
   }
 }
 
-TEST_F(MergeTest, RefusesWhatIsMissingTwiceUnfinishedOrOfAnotherBatch) {
+TEST_F(MergeTest, RefusesMissingDuplicateUnfinishedAndForeignParts) {
   EXPECT_THAT(merge({part(1), part(3)}), HasSubstr("is one of 3 shards, of which 1 is missing: 2"));
   std::filesystem::copy_file(part(1), path("copy"));
   std::filesystem::copy_file(info_path(part(1)), info_path(path("copy")));

@@ -57,7 +57,7 @@ struct Program {
   }
 };
 
-TEST(Bind, GivesEveryFieldThatHasAFlagItsFlag) {
+TEST(Bind, BindAllAddsAFlagForEachFieldThatHasOne) {
   Program program;
   bind_all(program.verb, program.options, "Tuning");
   std::vector<std::string> names;
@@ -82,7 +82,7 @@ TEST(Bind, GivesEveryFieldThatHasAFlagItsFlag) {
   EXPECT_THAT(program.options.sizes, ElementsAre(3, 7));
 }
 
-TEST(Bind, RefusesWhatIsOutOfRange) {
+TEST(Bind, RefusesValuesOutOfRange) {
   const auto error = [](const std::vector<std::string>& words) {
     Program program;
     bind_all(program.verb, program.options);
@@ -99,7 +99,7 @@ TEST(Bind, RefusesWhatIsOutOfRange) {
   EXPECT_EQ(error({"--sizes=3,4"}), "--sizes: expected 3..7, odd, got 4");
 }
 
-TEST(Bind, OneFieldMayHaveAnotherNameAndHelp) {
+TEST(Bind, BindFieldCanReplaceNameAndHelp) {
   Program program;
   bind_field(program.verb, program.options, program.options.share);
   bind_field(program.verb, program.options, program.options.inner, "--depth", "of it")
@@ -110,7 +110,7 @@ TEST(Bind, OneFieldMayHaveAnotherNameAndHelp) {
   EXPECT_EQ(program.error({"--depth=1"}), "");
 }
 
-TEST(Bind, NeedsAFieldWithAFlag) {
+TEST(Bind, RefusesFieldsWithoutAFlag) {
   Program program;
   const int other = 0;
   EXPECT_THROW(bind_field(program.verb, program.options, program.options.inner),

@@ -15,7 +15,7 @@ void print_event_line(const Event& event, const View& view) {
 }
 
 ExitStatus browse_session(Session& session, const std::string& title, bool fullscreen,
-                          Context& context, const Between& between) {
+                          Context& context, const BetweenEvents& between) {
   session.draw_status(!window::shows_status());
   const std::unique_ptr<window::Window> window =
       window::open_window({title, fullscreen, session.sliders(), session.actions()});
@@ -38,7 +38,7 @@ ExitStatus browse_session(Session& session, const std::string& title, bool fulls
       finished = finished || last->finished;
       if (last->toggle_fullscreen) window->set_fullscreen(!window->fullscreen());
       if (event.kind == Event::Kind::kMouse) continue;
-      window->offer(session.actions(), session.sliders());
+      window->set_controls(session.actions(), session.sliders());
     }
     if (finished) break;
     if (last) window->show(*last, nullptr);

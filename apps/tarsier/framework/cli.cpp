@@ -50,13 +50,13 @@ int fail(ExitStatus status, std::string_view message) {
 // TARSIER_REQUIRE writes "<function>: requires <expression>: <message>". Returns the message and
 // the text before the function (the path of a file).
 std::string without_requirement(std::string_view what) {
-  constexpr std::string_view kMark = ": requires ";
-  const size_t mark = what.find(kMark);
+  constexpr std::string_view kRequirementMark = ": requires ";
+  const size_t mark = what.find(kRequirementMark);
   if (mark == std::string_view::npos) return std::string(what);
   const size_t before = mark == 0 ? std::string_view::npos : what.rfind(": ", mark - 1);
   const std::string_view prefix =
       before == std::string_view::npos ? std::string_view() : what.substr(0, before + 2);
-  for (size_t at = what.find(": ", mark + kMark.size()); at != std::string_view::npos;
+  for (size_t at = what.find(": ", mark + kRequirementMark.size()); at != std::string_view::npos;
        at = what.find(": ", at + 1)) {
     if (what[at - 1] != ' ') {  // not the ':' of "a ? b : c"
       return fmt::format("{}{}", prefix, what.substr(at + 2));
@@ -85,7 +85,7 @@ void keep_freed_memory() {
 #endif
 }
 
-void complete(Context& context) {
+void apply_common_flags(Context& context) {
   const LogLevel level = parse_log_level(context.log_level);
   set_log_level(context.quiet ? std::max(level, LogLevel::kWarning) : level);
   context.progress = make_progress(
@@ -104,8 +104,8 @@ std::vector<std::string> flag_names(const Command& verb) {
 }
 
 // `flags` receives the flag names of the verb that threw the error.
-int run_checked(const CommandLine& program, const std::vector<std::string>& words,
-                std::vector<std::string>& flags) {
+int parse_and_run(const CommandLine& program, const std::vector<std::string>& words,
+                  std::vector<std::string>& flags) {
   Context context;
   context.words = words;
   context.stop = stop_on_signals();
@@ -118,12 +118,12 @@ int run_checked(const CommandLine& program, const std::vector<std::string>& word
   Command app("tarsier", "classical computer vision on an ordinary CPU, offline");
   program.add(app, context);
 
-  const Chosen chosen = chosen_command(app, words);
+  const CommandMatch match = match_command(app, words);
   const auto help_of = [&](const Command& command) {
     return &command == &app ? std::string(program.help) : help_text(command);
   };
-  if (is_area(*chosen.command) && chosen.words == words.size()) {
-    const std::string help = help_of(*chosen.command);
+  if (is_area(*match.command) && match.word_count == words.size()) {
+    const std::string help = help_of(*match.command);
     std::fwrite(help.data(), 1, help.size(), stderr);
     return static_cast<int>(ExitStatus::kUsage);
   }
@@ -136,7 +136,7 @@ int run_checked(const CommandLine& program, const std::vector<std::string>& word
     print_text(fmt::format("tarsier {}\n", version()));
     return 0;
   }
-  complete(context);
+  apply_common_flags(context);
   ExitStatus status = ExitStatus::kDone;
   try {
     status = context.run();
@@ -192,7 +192,7 @@ int run_program(const CommandLine& program, const std::vector<std::string>& word
     return with_flag_names(without_requirement(error.what()), flags) + error_help(error);
   };
   try {
-    return run_checked(program, words, flags);
+    return parse_and_run(program, words, flags);
   } catch (const Error& error) {
     return fail(exit_status(error.kind()), message_of(error));
   } catch (const std::invalid_argument& error) {

@@ -364,7 +364,7 @@ Command* Command::find(std::string_view name) {
 }
 
 Command::Parsed Command::parse(std::vector<std::string> words) {
-  for (const Command* chosen = chosen_command(*this, words).command; chosen != nullptr;
+  for (const Command* chosen = match_command(*this, words).command; chosen != nullptr;
        chosen = chosen->parent())
     chosen->add_flags_now();
   Parsed parsed;

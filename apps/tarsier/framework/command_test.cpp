@@ -144,7 +144,7 @@ TEST(Command, ReadsEveryTypeOfValue) {
   EXPECT_THAT(line.texts, ElementsAre("a b", "c"));
 }
 
-TEST(Command, LeavesWhatIsNotGiven) {
+TEST(Command, KeepsDefaultsOfMissingFlags) {
   Line line;
   line.parse({});
   EXPECT_EQ(line.runs, 1);
@@ -156,7 +156,7 @@ TEST(Command, LeavesWhatIsNotGiven) {
   EXPECT_THAT(line.inputs, IsEmpty());
 }
 
-TEST(Command, RefusesWhatIsNoValue) {
+TEST(Command, RefusesInvalidValues) {
   for (const char* word : {"--integer=x", "--integer=1.5", "--integer=3000000000", "--number=half",
                            "--small-natural=5000000000", "--integers=1,b", "--numbers=1"}) {
     Line line;
@@ -168,7 +168,7 @@ TEST(Command, RefusesWhatIsNoValue) {
   EXPECT_THAT(line.error({"--text"}), HasSubstr("--text"));
 }
 
-TEST(Command, HelpAndVersionAreOutcomes) {
+TEST(Command, ReportsHelpAndVersionAsOutcomes) {
   Line line;
   Command::Parsed parsed = line.parse({"--help"});
   EXPECT_EQ(parsed.outcome, Command::Outcome::kHelp);
@@ -181,7 +181,7 @@ TEST(Command, HelpAndVersionAreOutcomes) {
   EXPECT_EQ(parse_command_line(third.root, {"--version"}).outcome, Command::Outcome::kVersion);
 }
 
-TEST(Check, RangesAndChoices) {
+TEST(Check, ChecksRangesAndChoices) {
   const auto accepts = [](const Check& check, const std::string& word) {
     Command root("tarsier", "");
     Command& verb = root.add_subcommand("verb", "");
@@ -218,7 +218,7 @@ TEST(Check, RangesAndChoices) {
   EXPECT_FALSE(accepts(even, "abc"));
 }
 
-TEST(Flag, RequiredExcludesAndNeeds) {
+TEST(Flag, ChecksRequiredExcludesAndNeeds) {
   const auto error = [](const std::vector<std::string>& words) -> std::string {
     Command root("tarsier", "");
     Command& verb = root.add_subcommand("verb", "");
@@ -245,7 +245,7 @@ TEST(Flag, RequiredExcludesAndNeeds) {
   EXPECT_EQ(error({"Ann", "--third"}), "--third requires --first");
 }
 
-TEST(Flag, DescribesItself) {
+TEST(Flag, DescribeReturnsTypeDefaultRangeAndGroup) {
   Line line;
   const FlagInfo integer = line.flag("--integer");
   EXPECT_EQ(integer.type, FlagType::kInteger);
@@ -276,7 +276,7 @@ TEST(Flag, DescribesItself) {
   EXPECT_EQ(line.flag("--numbers").min_values, 2);
 }
 
-TEST(ParseCommandLine, SaysWhatWasMeant) {
+TEST(ParseCommandLine, SuggestsTheMostSimilarWord) {
   Line line;
   EXPECT_EQ(line.error({"--integr", "3"}),
             "'tarsier area verb' has no flag --integr: did you mean --integer?");
@@ -310,7 +310,7 @@ class Config : public testing::Test {
   TemporaryFolder folder_;
 };
 
-TEST_F(Config, GivesValuesAndTheLineWins) {
+TEST_F(Config, CommandLineOverridesConfigFile) {
   const std::string path = write(
       "integer = 3\nnumber = 0.125\non = true\nintegers = [4, 5]\n"
       "texts = [\"a\", \"b=c\"]\n[area.verb]\ntext = \"Ann Other\"\n");
@@ -324,14 +324,14 @@ TEST_F(Config, GivesValuesAndTheLineWins) {
   EXPECT_THAT(line.texts, ElementsAre("a", "b=c"));
 }
 
-TEST_F(Config, SaysWhatIsWrong) {
+TEST_F(Config, ReportsInvalidEntries) {
   EXPECT_THAT(error("intger = 3\n"), HasSubstr("has no option 'intger': did you mean 'integer'?"));
   EXPECT_THAT(error("[plate.read]\niou = 3\n"), HasSubstr("[plate.read.iou] is no area and verb"));
   EXPECT_THAT(error("number = 3\n"), HasSubstr("--number: expected 0..1, got 3"));
   EXPECT_THROW(Line().parse({"--config", folder_ / "none.toml"}), InputError);
 }
 
-TEST(ParseCommandLine, TakesFormerNamesOfFlags) {
+TEST(ParseCommandLine, AcceptsFormerFlagNames) {
   const TemporaryFolder folder;
   const std::string config = folder / "former.toml";
   std::ofstream(config) << "most-frames = 9\n";
@@ -350,7 +350,7 @@ TEST(ParseCommandLine, TakesFormerNamesOfFlags) {
   EXPECT_THROW((void)parse_command_line(root, {"area", "verb", "--least-frames", "3"}), UsageError);
 }
 
-TEST(HelpText, ShowsAllThatIsKnown) {
+TEST(HelpText, ShowsTypesRangesDefaultsAndGroups) {
   Command root("tarsier", "a program");
   Command& verb = root.add_subcommand("verb", "does it");
   std::vector<std::string> inputs;
@@ -456,7 +456,7 @@ TEST(CommandJson, DescribesEveryFlag) {
 }
 
 // Every start of the program adds all verbs, and runs one of them.
-TEST(Command, FlagsAreAddedWhereTheyAreNeeded) {
+TEST(Command, AddsFlagsOnlyWhenNeeded) {
   Command root("tarsier", "a program");
   Command& area = root.add_subcommand("area", "verbs of a kind");
   int count = 0;
@@ -483,20 +483,20 @@ TEST(Command, FlagsAreAddedWhereTheyAreNeeded) {
   EXPECT_EQ(others, 1);
 }
 
-TEST(OptionNames, BecomeTheFlagsOfTheVerb) {
+TEST(OptionNames, BecomeFlagsOfTheVerb) {
   const std::vector<std::string> flags = {"--ca-file", "--insecure", "--start", "-o"};
   EXPECT_EQ(with_flag_names("not trusted: name it (option 'ca_file'), or option 'insecure'", flags),
             "not trusted: name it (--ca-file), or --insecure");
   EXPECT_EQ(with_flag_names("option 'start' must be search", flags), "--start must be search");
 }
 
-TEST(OptionNames, MayHaveAUnitThatTheFlagHasNot) {
+TEST(OptionNames, LoseTheUnitIfTheFlagHasNone) {
   EXPECT_EQ(with_flag_names("more (option 'memory_gb')", {"--memory"}), "more (--memory)");
   EXPECT_EQ(with_flag_names("option 'memory_gb'", {"--memory", "--memory-gb"}), "--memory-gb");
   EXPECT_EQ(with_flag_names("option 'memory_used'", {"--memory"}), "option 'memory_used'");
 }
 
-TEST(OptionNames, OfOtherVerbsStay) {
+TEST(OptionNames, OfOtherVerbsAreUnchanged) {
   for (const char* message :
        {"", "no such word", "option 'window', 80 px", "option 'start", "option ''", "option 'o'",
         "option 'x' and option 'y'", "options 'start'", "'start'"}) {

@@ -19,14 +19,14 @@ namespace {
 
 std::string path_of(const std::string& name) {
   const std::filesystem::path folder = program_folder();
-  const std::string beside = (folder / name).string();
+  const std::string sibling = (folder / name).string();
   for (const std::string& path :
-       {beside, (folder.parent_path() / "libexec/tarsier" / name).string()}) {
+       {sibling, (folder.parent_path() / "libexec/tarsier" / name).string()}) {
     if (::access(path.c_str(), X_OK) == 0) return path;
   }
-  throw InputError(beside, fmt::format("no such program; build the target {}, or install it in "
-                                       "../libexec/tarsier of tarsier's folder",
-                                       name));
+  throw InputError(sibling, fmt::format("no such program; build the target {}, or install it in "
+                                        "../libexec/tarsier of tarsier's folder",
+                                        name));
 }
 
 }  // namespace

@@ -90,7 +90,7 @@ void Journal::read_entries(const std::string& header) {
     const std::optional<JournalEntry> entry = entry_of(line);
     if (!entry) break;  // incomplete after a power cut
     const auto size = static_cast<std::int64_t>(line.size()) + 1;
-    places_[entry->input] = {end_, size};
+    locations_[entry->input] = {end_, size};
     end_ += size;
   }
 }
@@ -99,22 +99,22 @@ void Journal::add(const JournalEntry& entry) {
   const std::string text = text_of(entry) + '\n';
   write_all(fd_, text, path_);
   const auto size = static_cast<std::int64_t>(text.size());
-  places_[entry.input] = {end_, size};
+  locations_[entry.input] = {end_, size};
   end_ += size;
 }
 
 std::set<std::int64_t> Journal::inputs() const {
   std::set<std::int64_t> inputs;
-  for (const auto& [input, place] : places_) inputs.insert(inputs.end(), input);
+  for (const auto& [input, location] : locations_) inputs.insert(inputs.end(), input);
   return inputs;
 }
 
-std::string Journal::text_at(const Place& place) const {
-  std::string text(static_cast<std::size_t>(place.size), '\0');
+std::string Journal::text_at(const Location& location) const {
+  std::string text(static_cast<std::size_t>(location.size), '\0');
   std::size_t read = 0;
   while (read < text.size()) {
     const ssize_t bytes = ::pread(fd_, text.data() + read, text.size() - read,
-                                  place.begin + static_cast<std::int64_t>(read));
+                                  location.begin + static_cast<std::int64_t>(read));
     if (bytes < 0 && errno == EINTR) continue;
     if (bytes <= 0) throw InputError(path_, "cannot be read any more");
     read += static_cast<std::size_t>(bytes);
@@ -122,11 +122,11 @@ std::string Journal::text_at(const Place& place) const {
   return text;
 }
 
-void Journal::read(const std::function<void(const JournalEntry&)>& take) const {
-  for (const auto& [input, place] : places_) {
-    const std::optional<JournalEntry> entry = entry_of(text_at(place));
+void Journal::read(const std::function<void(const JournalEntry&)>& callback) const {
+  for (const auto& [input, location] : locations_) {
+    const std::optional<JournalEntry> entry = entry_of(text_at(location));
     if (!entry) throw InputError(path_, "was changed while it was written");
-    take(*entry);
+    callback(*entry);
   }
 }
 

@@ -34,21 +34,21 @@ class Journal {
   void add(const JournalEntry& entry);  // throws OutputError
   [[nodiscard]] std::set<std::int64_t> inputs() const;
   // Reads the entries in the order of the inputs. Throws InputError.
-  void read(const std::function<void(const JournalEntry&)>& take) const;
+  void read(const std::function<void(const JournalEntry&)>& callback) const;
   void remove();
 
  private:
-  struct Place {
+  struct Location {
     std::int64_t begin = 0;
     std::int64_t size = 0;
   };
   void read_entries(const std::string& header);
-  [[nodiscard]] std::string text_at(const Place& place) const;
+  [[nodiscard]] std::string text_at(const Location& location) const;
 
   std::string path_;
   int fd_ = -1;
-  std::int64_t end_ = 0;                  // bytes
-  std::map<std::int64_t, Place> places_;  // place of each input's line
+  std::int64_t end_ = 0;                        // bytes
+  std::map<std::int64_t, Location> locations_;  // location of each input's line
 };
 
 }  // namespace tarsier::cli

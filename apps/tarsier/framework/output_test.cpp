@@ -23,7 +23,7 @@ std::string content(const std::string& path) {
   return text.str();
 }
 
-TEST(Rounded, KeepsSoManyDigits) {
+TEST(Rounded, KeepsTheGivenNumberOfDigits) {
   EXPECT_EQ(rounded(1.23456, 0), 1);
   EXPECT_EQ(rounded(1.23456, 2), 1.23);
   EXPECT_EQ(rounded(-1.5, 0), -2);
@@ -33,12 +33,12 @@ TEST(Rounded, KeepsSoManyDigits) {
   EXPECT_TRUE(std::isnan(rounded(std::nan(""), 3)));
 }
 
-TEST(JsonText, CanAlwaysBePrinted) {
+TEST(JsonText, ReplacesInvalidUtf8) {
   EXPECT_EQ(json_text({{"b", 1}, {"a", "x"}}), R"({"b":1,"a":"x"})");
   EXPECT_EQ(json_text({{"name", "caf\xe9.png"}}), "{\"name\":\"caf\xef\xbf\xbd.png\"}");
 }
 
-TEST(CsvTable, HoldsWholeLinesWhileItIsOpen) {
+TEST(CsvTable, WritesCompleteLinesAtOnce) {
   const TemporaryFolder folder;
   CsvTable table(folder / "table.csv", "frame,name");
   EXPECT_EQ(content(folder / "table.csv"), "frame,name\n");
@@ -46,7 +46,7 @@ TEST(CsvTable, HoldsWholeLinesWhileItIsOpen) {
   EXPECT_EQ(content(folder / "table.csv"), "frame,name\n1,\"a,b\"\n");
 }
 
-TEST(CsvTable, SaysWhatCannotBeWritten) {
+TEST(CsvTable, ReportsThePathThatCannotBeWritten) {
   const TemporaryFolder folder;
   try {
     CsvTable(folder / "none/table.csv", "frame");
@@ -59,7 +59,7 @@ TEST(CsvTable, SaysWhatCannotBeWritten) {
   }
 }
 
-TEST(Stopwatch, RunsForward) {
+TEST(Stopwatch, TimeDoesNotDecrease) {
   const Stopwatch watch;
   const double first = watch.ms();
   EXPECT_GE(first, 0);

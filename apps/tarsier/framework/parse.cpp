@@ -34,7 +34,7 @@ std::vector<std::string> long_names(const Command& command) {
 
 // The present name of a renamed flag ("--least-side" is now "--min-side"). Empty if `flag` is no
 // former name of a flag of this command. `flag` has no "=value".
-std::string renamed(const std::string& flag, const std::vector<std::string>& known) {
+std::string current_name(const std::string& flag, const std::vector<std::string>& known) {
   constexpr std::pair<std::string_view, std::string_view> kPrefixes[] = {
       {"--least-", "--min-"},       {"--most-", "--max-"},      {"--film", "--video"},
       {"--least", "--min-markers"}, {"--least", "--min-faces"}, {"--least", "--min-sightings"},
@@ -48,15 +48,15 @@ std::string renamed(const std::string& flag, const std::vector<std::string>& kno
 }
 
 // Replaces former names of flags by the present ones, with a warning.
-void rename_flags(Command& root, std::vector<std::string>& words) {
-  const Chosen chosen = chosen_command(root, words);
-  if (is_area(*chosen.command)) return;
-  const std::vector<std::string> known = long_names(*chosen.command);
-  for (std::size_t i = chosen.words; i < words.size() && words[i] != "--"; ++i) {
+void replace_former_names(Command& root, std::vector<std::string>& words) {
+  const CommandMatch match = match_command(root, words);
+  if (is_area(*match.command)) return;
+  const std::vector<std::string> known = long_names(*match.command);
+  for (std::size_t i = match.word_count; i < words.size() && words[i] != "--"; ++i) {
     if (!is_long(words[i])) continue;
     const std::string flag = words[i].substr(0, words[i].find('='));
     if (std::find(known.begin(), known.end(), flag) != known.end()) continue;
-    const std::string name = renamed(flag, known);
+    const std::string name = current_name(flag, known);
     if (name.empty()) continue;
     log_warning("{} is {} now", flag, name);
     words[i].replace(0, flag.size(), name);
@@ -65,10 +65,10 @@ void rename_flags(Command& root, std::vector<std::string>& words) {
 
 // Throws UsageError for an unknown area, verb or flag; the message suggests a known one.
 void check_words(Command& root, const std::vector<std::string>& words) {
-  const Chosen chosen = chosen_command(root, words);
-  const Command& command = *chosen.command;
-  if (chosen.words == words.size()) return;
-  const std::string& word = words[chosen.words];
+  const CommandMatch match = match_command(root, words);
+  const Command& command = *match.command;
+  if (match.word_count == words.size()) return;
+  const std::string& word = words[match.word_count];
   if (is_area(command)) {
     if (word == "-h" || word == "--help" || (word == "--version" && &command == &root)) return;
     if (word.starts_with("-") && &command == &root) {
@@ -82,7 +82,7 @@ void check_words(Command& root, const std::vector<std::string>& words) {
                                                : "did you mean '" + meant + "'?"));
   }
   const std::vector<std::string> known = long_names(command);
-  for (std::size_t i = chosen.words; i < words.size() && words[i] != "--"; ++i) {
+  for (std::size_t i = match.word_count; i < words.size() && words[i] != "--"; ++i) {
     if (!is_long(words[i])) continue;
     const std::string flag = words[i].substr(0, words[i].find('='));
     if (std::find(known.begin(), known.end(), flag) != known.end()) continue;
@@ -126,7 +126,7 @@ void add_entry(const Command& verb, const ConfigEntry& entry, const std::string&
     inputs.insert(inputs.end(), entry.values.begin(), entry.values.end());
     return;
   }
-  const std::string former = renamed("--" + entry.name, known);
+  const std::string former = current_name("--" + entry.name, known);
   if (!former.empty()) log_warning("{}: {} is {} now", path, entry.name, former.substr(2));
   const std::string name = former.empty() ? "--" + entry.name : former;
   const std::vector<FlagInfo> flags = verb.flags();
@@ -155,12 +155,12 @@ void add_entry(const Command& verb, const ConfigEntry& entry, const std::string&
 
 // Appends the values of the file of --config to the words.
 std::vector<std::string> with_config(Command& root, std::vector<std::string> words) {
-  const Chosen chosen = chosen_command(root, words);
-  const Command& verb = *chosen.command;
+  const CommandMatch match = match_command(root, words);
+  const Command& verb = *match.command;
   std::string path;
   const auto end =
       static_cast<std::size_t>(std::find(words.begin(), words.end(), "--") - words.begin());
-  for (std::size_t i = chosen.words; i < end; ++i) {
+  for (std::size_t i = match.word_count; i < end; ++i) {
     if (words[i] == "--config" && i + 1 < end) path = words[i + 1];
     if (words[i].starts_with("--config=")) path = words[i].substr(9);
   }
@@ -177,38 +177,38 @@ std::vector<std::string> with_config(Command& root, std::vector<std::string> wor
   std::vector<std::string> added;
   for (const ConfigEntry& entry : entries) {
     if (!entry.parents.empty()) {
-      const Chosen section = chosen_command(root, entry.parents);
-      if (section.words < entry.parents.size() || is_area(*section.command)) {
+      const CommandMatch section = match_command(root, entry.parents);
+      if (section.word_count < entry.parents.size() || is_area(*section.command)) {
         throw UsageError(fmt::format("{}: [{}.{}] is no area and verb", path,
                                      fmt::join(entry.parents, "."), entry.name));
       }
       if (section.command != &verb) continue;
     }
-    add_entry(verb, entry, path, words, chosen.words, inputs, added);
+    add_entry(verb, entry, path, words, match.word_count, inputs, added);
   }
   words.insert(words.begin() + static_cast<std::ptrdiff_t>(end), added.begin(), added.end());
-  words.insert(words.begin() + static_cast<std::ptrdiff_t>(chosen.words), inputs.begin(),
+  words.insert(words.begin() + static_cast<std::ptrdiff_t>(match.word_count), inputs.begin(),
                inputs.end());
   return words;
 }
 
 }  // namespace
 
-Chosen chosen_command(Command& root, const std::vector<std::string>& words) {
-  Chosen chosen{&root, 0};
+CommandMatch match_command(Command& root, const std::vector<std::string>& words) {
+  CommandMatch match{&root, 0};
   for (const std::string& word : words) {
-    Command* next = chosen.command->find(word);
+    Command* next = match.command->find(word);
     if (next == nullptr) break;
-    chosen.command = next;
-    ++chosen.words;
+    match.command = next;
+    ++match.word_count;
   }
-  return chosen;
+  return match;
 }
 
 bool is_area(const Command& command) { return !command.subcommands().empty(); }
 
 Command::Parsed parse_command_line(Command& root, std::vector<std::string> words) {
-  rename_flags(root, words);
+  replace_former_names(root, words);
   check_words(root, words);
   return root.parse(with_config(root, std::move(words)));
 }
@@ -231,10 +231,10 @@ std::string nearest_word(std::string_view word, const std::vector<std::string>& 
   };
   std::string best;
   if (word.size() > 64) return best;
-  std::size_t least = std::max<std::size_t>(2, word.size() / 3) + 1;
+  std::size_t best_distance = std::max<std::size_t>(2, word.size() / 3) + 1;
   for (const std::string& name : known) {
-    if (const std::size_t d = distance(name); d < least) {
-      least = d;
+    if (const std::size_t d = distance(name); d < best_distance) {
+      best_distance = d;
       best = name;
     }
   }

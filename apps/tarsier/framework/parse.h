@@ -9,11 +9,11 @@
 namespace tarsier::cli {
 
 // The command that the first of `words` select, and the number of words used.
-struct Chosen {
+struct CommandMatch {
   Command* command = nullptr;
-  std::size_t words = 0;
+  std::size_t word_count = 0;
 };
-[[nodiscard]] Chosen chosen_command(Command& root, const std::vector<std::string>& words);
+[[nodiscard]] CommandMatch match_command(Command& root, const std::vector<std::string>& words);
 
 // Whether it has sub-commands, one of which must follow.
 [[nodiscard]] bool is_area(const Command& command);

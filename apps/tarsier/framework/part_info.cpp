@@ -210,10 +210,10 @@ MergeReport merge_parts(const std::vector<std::string>& paths, const std::string
   // The next line of each part; the lowest input comes first.
   using Next = std::pair<std::int64_t, std::size_t>;
   std::priority_queue<Next, std::vector<Next>, std::greater<>> queue;
-  std::vector<std::size_t> taken(parts.size());
+  std::vector<std::size_t> next_line(parts.size());
   const auto enqueue = [&](std::size_t part) {
     const std::vector<std::int64_t>& inputs = parts[part].info.lines;
-    if (taken[part] < inputs.size()) queue.emplace(inputs[taken[part]++], part);
+    if (next_line[part] < inputs.size()) queue.emplace(inputs[next_line[part]++], part);
   };
   for (std::size_t part = 0; part < parts.size(); ++part) enqueue(part);
   while (!queue.empty()) {

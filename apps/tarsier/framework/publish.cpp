@@ -14,7 +14,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr double kInterrupted_s = 1;  // s for pending events, instead of PublisherOptions::finish_s
+// For pending events, instead of PublisherOptions::finish_s.
+constexpr double kInterruptedFinish_s = 1;
 
 }  // namespace
 
@@ -89,7 +90,7 @@ void EventPublisher::post(nlohmann::ordered_json event, const cv::Mat& crop) {
 }
 
 void EventPublisher::finish(bool interrupted) {
-  if (publisher_) publisher_->finish(interrupted ? kInterrupted_s : finish_s_);
+  if (publisher_) publisher_->finish(interrupted ? kInterruptedFinish_s : finish_s_);
 }
 
 }  // namespace tarsier::cli

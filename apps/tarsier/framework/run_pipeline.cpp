@@ -19,9 +19,9 @@ ReadAhead::~ReadAhead() {
   channel_.close(true);
 }
 
-std::optional<Frame> ReadAhead::next(milliseconds patience, const std::stop_token& stop) {
+std::optional<Frame> ReadAhead::next(milliseconds timeout, const std::stop_token& stop) {
   if (stop.stop_requested()) return std::nullopt;
-  if (std::optional<Item> item = channel_.pop(patience)) {
+  if (std::optional<Item> item = channel_.pop(timeout)) {
     status_ = std::move(item->status);
     return std::move(item->frame);
   }
@@ -36,7 +36,7 @@ std::optional<Frame> ReadAhead::next(milliseconds patience, const std::stop_toke
 bool ReadAhead::ended() const { return channel_.drained() && !thread_.joinable() && !error_; }
 
 const std::vector<std::string>& ReadAhead::skipped() const {
-  return thread_.joinable() ? nothing_ : source_->skipped();
+  return thread_.joinable() ? none_skipped_ : source_->skipped();
 }
 
 void ReadAhead::read() {
@@ -51,23 +51,23 @@ void ReadAhead::read() {
   channel_.close();
 }
 
-void Lines::print(const nlohmann::ordered_json& object) {
-  if (!wanted_) return;
+void LinePrinter::print(const nlohmann::ordered_json& object) {
+  if (!enabled_) return;
   const std::string line = json_text(object) + '\n';
   const std::lock_guard lock(mutex_);
   print_text(line);
 }
 
-Writer::Writer(FrameSink& sink, Lines& lines, Batch* batch, bool threaded)
+Writer::Writer(FrameSink& sink, LinePrinter& lines, Batch* batch, bool threaded)
     : sink_(sink), lines_(lines), batch_(batch) {
   if (threaded) thread_ = std::jthread([this] { drain(); });
 }
 
 Writer::~Writer() { cancel(); }
 
-void Writer::write(Job job) {
+void Writer::write(WriteJob job) {
   if (!thread_.joinable()) {
-    put(job);
+    write_now(job);
   } else if (!channel_.push(std::move(job))) {
     complete();  // throws the error that ended the thread
   }
@@ -90,14 +90,14 @@ void Writer::join() {
 
 void Writer::drain() {
   try {
-    while (std::optional<Job> job = channel_.pop()) put(*job);
+    while (std::optional<WriteJob> job = channel_.pop()) write_now(*job);
   } catch (...) {
     error_ = std::current_exception();
     channel_.close(true);
   }
 }
 
-void Writer::put(Job& job) {
+void Writer::write_now(WriteJob& job) {
   for (int i = 0; i < job.repeats; ++i) {
     const std::string path = sink_.write(job.image, job.frame);
     if (!path.empty()) job.line["output"] = path;

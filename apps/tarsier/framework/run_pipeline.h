@@ -37,11 +37,11 @@ class Channel {
     return true;
   }
   // nullopt if no item arrived in time, or if the channel is closed and empty.
-  std::optional<T> pop(std::optional<std::chrono::milliseconds> patience = std::nullopt) {
+  std::optional<T> pop(std::optional<std::chrono::milliseconds> timeout = std::nullopt) {
     std::unique_lock lock(mutex_);
     const auto ready = [&] { return closed_ || !items_.empty(); };
-    if (patience) {
-      changed_.wait_for(lock, *patience, ready);
+    if (timeout) {
+      changed_.wait_for(lock, *timeout, ready);
     } else {
       changed_.wait(lock, ready);
     }
@@ -79,7 +79,7 @@ class ReadAhead final : public FrameSource {
   ReadAhead(const ReadAhead&) = delete;
   ReadAhead& operator=(const ReadAhead&) = delete;
 
-  std::optional<Frame> next(std::chrono::milliseconds patience,
+  std::optional<Frame> next(std::chrono::milliseconds timeout,
                             const std::stop_token& stop) override;
   // True only after next() has thrown the failure, if there was one.
   [[nodiscard]] bool ended() const override;
@@ -101,7 +101,7 @@ class ReadAhead final : public FrameSource {
   double fps_;
   std::int64_t count_;
   SourceStatus status_;
-  std::vector<std::string> nothing_;
+  std::vector<std::string> none_skipped_;
   std::exception_ptr error_;  // of the thread; valid after its end
   Channel<Item> channel_;
   std::stop_source stop_;
@@ -110,19 +110,19 @@ class ReadAhead final : public FrameSource {
 };
 
 // Prints JSON lines from two threads.
-class Lines {
+class LinePrinter {
  public:
-  explicit Lines(bool wanted) : wanted_(wanted) {}
-  [[nodiscard]] bool wanted() const { return wanted_; }
+  explicit LinePrinter(bool enabled) : enabled_(enabled) {}
+  [[nodiscard]] bool enabled() const { return enabled_; }
   void print(const nlohmann::ordered_json& object);
 
  private:
-  bool wanted_;
+  bool enabled_;
   std::mutex mutex_;
 };
 
 // An output image that is to be written.
-struct Job {
+struct WriteJob {
   cv::Mat image;
   Frame frame;  // without its image
   nlohmann::ordered_json line;
@@ -136,12 +136,12 @@ struct Job {
 class Writer {
  public:
   // `batch` may be null.
-  Writer(FrameSink& sink, Lines& lines, Batch* batch, bool threaded);
+  Writer(FrameSink& sink, LinePrinter& lines, Batch* batch, bool threaded);
   ~Writer();
   Writer(const Writer&) = delete;
   Writer& operator=(const Writer&) = delete;
 
-  void write(Job job);
+  void write(WriteJob job);
   // Waits until everything is written. Throws the error, if one occurred.
   void complete();
   // Drops the jobs that have not been started.
@@ -151,12 +151,12 @@ class Writer {
  private:
   void join();
   void drain();
-  void put(Job& job);
+  void write_now(WriteJob& job);
 
   FrameSink& sink_;
-  Lines& lines_;
+  LinePrinter& lines_;
   Batch* batch_;
-  Channel<Job> channel_;
+  Channel<WriteJob> channel_;
   std::exception_ptr error_;
   std::int64_t written_ = 0;
   std::jthread thread_;

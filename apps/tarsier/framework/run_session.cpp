@@ -34,10 +34,10 @@ using std::chrono::milliseconds;
 
 // The window's status is redrawn at this interval if there are no frames.
 constexpr milliseconds kIdleInterval{200};
-constexpr milliseconds kWindowPatience{12};     // maximum delay of keys by the wait for a frame
-constexpr milliseconds kHeadlessPatience{100};  // SIGINT ends the wait earlier
+constexpr milliseconds kWindowTimeout{12};     // maximum delay of keys by the wait for a frame
+constexpr milliseconds kHeadlessTimeout{100};  // SIGINT ends the wait earlier
 // s for which a live video is extended by repeating its last image.
-constexpr double kMaxRepeats = 10;
+constexpr double kMaxRepeated_s = 10;
 
 // --- the window, where the program has one ---
 
@@ -69,16 +69,16 @@ class Run {
       return ExitStatus::kInterrupted;
     }
     if (sink_ != nullptr) sink_->finish();
-    if (progressing_) context_.progress->end();
+    if (shows_progress_) context_.progress->end();
     if (batch_) {
       batch_->finish();
-    } else if (taken_ == 0 && !window_closed_ && !finished_) {
+    } else if (processed_ == 0 && !window_closed_ && !finished_) {
       throw InputError(flags_.inputs.front(), "delivered no image");
     }
     if (!flags_.output.empty() && sink_ != nullptr) {
       const double seconds = watch.seconds();
       log_info(
-          "{} {} to {} in {:.1f} s", taken_, taken_ == 1 ? "image" : "images",
+          "{} {} to {} in {:.1f} s", processed_, processed_ == 1 ? "image" : "images",
           classify_sink(flags_.output) == SinkKind::kHttp ? masked(flags_.output) : flags_.output,
           seconds);
     }
@@ -92,7 +92,7 @@ class Run {
     const std::vector<Scheme> schemes = input_schemes();
     for (const std::string& input : flags_.inputs)
       static_cast<void>(classify_source(input, schemes));
-    if (flags_.batch.wanted()) check_batch();
+    if (flags_.batch.is_requested()) check_batch();
     refuse_to_overwrite();
     const SinkKind kind = flags_.output.empty() ? SinkKind::kNone : classify_sink(flags_.output);
     if (!flags_.segment.empty()) {
@@ -106,13 +106,13 @@ class Run {
       session_.draw_status(!window::shows_status());
     }
 
-    if (flags_.batch.wanted()) {
+    if (flags_.batch.is_requested()) {
       open_batch(schemes, kind);
       source_ = batch_->open();
     } else {
       source_ = open_sources(flags_.inputs, flags_.source, schemes);
     }
-    if (!hooks_.table.path.empty() && !is_kept())
+    if (!hooks_.table.path.empty() && !stores_results())
       table_.emplace(hooks_.table.path, hooks_.table.columns);
     live_ = source_->is_live();
     if (!live_) source_ = std::make_unique<ReadAhead>(std::move(source_), context_.stop);
@@ -126,7 +126,7 @@ class Run {
       const bool has_stages = hooks_.debug != nullptr && hooks_.debug->may_show();
       window_ = window::open_window(
           {title, flags_.fullscreen, session_.sliders(), actions(), has_stages});
-      if (has_stages) hooks_.debug->show_in(window_.get());
+      if (has_stages) hooks_.debug->set_window(window_.get());
       if (live_) idle(source_->status());
     }
     if (!flags_.actions.empty()) {
@@ -136,7 +136,7 @@ class Run {
       std::int64_t total = (source_->count() + flags_.every - 1) / flags_.every;
       if (flags_.frames > 0) total = total > 0 ? std::min(total, flags_.frames) : flags_.frames;
       context_.progress->begin(hooks_.title, total, "images");
-      progressing_ = true;
+      shows_progress_ = true;
     }
   }
 
@@ -165,7 +165,7 @@ class Run {
   }
 
   // Whether lines and rows are written to the batch.
-  [[nodiscard]] bool is_kept() const { return batch_ && batch_->is_kept(); }
+  [[nodiscard]] bool stores_results() const { return batch_ && batch_->stores_results(); }
 
   // The session's actions and the host's own.
   [[nodiscard]] std::vector<Action> actions() const {
@@ -207,16 +207,16 @@ class Run {
     const std::stop_token& stop = context_.stop;
     Clock::time_point last_shown = Clock::now();
     while (!stop.stop_requested() && !finished_) {
-      take_events(milliseconds(0));
+      handle_events(milliseconds(0));
       if (finished_) break;
       if (waits_for_user()) {
         if (!wait_for_user()) break;
         continue;
       }
-      const milliseconds patience = window_ != nullptr ? kWindowPatience : kHeadlessPatience;
+      const milliseconds timeout = window_ != nullptr ? kWindowTimeout : kHeadlessTimeout;
       std::optional<Frame> frame;
       try {
-        frame = source_->next(patience, stop);
+        frame = source_->next(timeout, stop);
       } catch (const SourceLostError&) {
         report_state();  // the last output
         throw;
@@ -224,9 +224,9 @@ class Run {
       if (live_) report_state();
       if (frame) {
         if (received_++ % flags_.every != 0) continue;
-        take_frame(*frame);
+        process_frame(*frame);
         last_shown = Clock::now();
-        if (flags_.frames > 0 && taken_ >= flags_.frames) break;
+        if (flags_.frames > 0 && processed_ >= flags_.frames) break;
       } else if (source_->ended()) {
         break;
       } else if (live_ && Clock::now() - last_shown > kIdleInterval) {
@@ -238,7 +238,7 @@ class Run {
 
   // Whether a paused video, or a still in the window, waits for the user.
   [[nodiscard]] bool waits_for_user() const {
-    return !live_ && ((paused_ && taken_ > 0) || (window_ != nullptr && still_.has_value()));
+    return !live_ && ((paused_ && processed_ > 0) || (window_ != nullptr && still_.has_value()));
   }
 
   // Returns false if nobody can ever continue.
@@ -247,21 +247,21 @@ class Run {
       log_warning("paused, and the actions have ended: stopping");
       return false;
     }
-    paced_from_.reset();
+    playback_start_.reset();
     if (window_ != nullptr) {
-      take_events(milliseconds(50));
+      handle_events(milliseconds(50));
     } else {
       sleep_unless_stopped(milliseconds(20), context_.stop);
     }
     return true;
   }
 
-  void take_frame(Frame& frame) {
+  void process_frame(Frame& frame) {
     if (live_video_ && sink_ == nullptr) open_output();
     if (hooks_.before_frame) hooks_.before_frame(frame);
     if (hooks_.debug != nullptr) hooks_.debug->begin(frame);
     const SourceStatus status = source_->status();
-    look_at(status);
+    update_source_info(status);
     info_.index = frame.index;
     info_.time = frame.time;
     info_.name = frame.name;
@@ -275,17 +275,17 @@ class Run {
       if (batch_) batch_->skip(frame.index, error.what());
       return;
     }
-    ++taken_;
+    ++processed_;
     if (hooks_.after_frame) hooks_.after_frame(frame);
     std::vector<std::string> rows;
-    if (hooks_.rows && (table_ || is_kept())) rows = hooks_.rows(frame);
+    if (hooks_.rows && (table_ || stores_results())) rows = hooks_.rows(frame);
     if (table_)
       for (const std::string& row : rows) table_->add(row);
-    if (progressing_) context_.progress->advance();
+    if (shows_progress_) context_.progress->advance();
     paused_ = view.state.value("paused", false);
     if (!view.output.empty()) {
-      Job job = job_of(frame, view, status);
-      if (is_kept()) job.rows = std::move(rows);
+      WriteJob job = job_of(frame, view, status);
+      if (stores_results()) job.rows = std::move(rows);
       if (window_ != nullptr && frame.still) {
         still_ = std::move(job);  // until the user continues
       } else {
@@ -297,8 +297,8 @@ class Run {
     if (hooks_.debug != nullptr) hooks_.debug->end();
   }
 
-  Job job_of(const Frame& frame, const View& view, const SourceStatus& status) {
-    Job job;
+  WriteJob job_of(const Frame& frame, const View& view, const SourceStatus& status) {
+    WriteJob job;
     job.image = live_ && !live_video_ ? view.output : view.output.clone();
     job.frame = frame;
     job.frame.image.release();
@@ -306,11 +306,11 @@ class Run {
     if (live_video_) {
       const auto due = static_cast<std::int64_t>(std::floor(frame.time * fps_)) + 1;
       job.repeats = static_cast<int>(std::clamp<std::int64_t>(
-          due - video_frames_, 0, static_cast<std::int64_t>(fps_ * kMaxRepeats)));
+          due - video_frames_, 0, static_cast<std::int64_t>(fps_ * kMaxRepeated_s)));
       video_frames_ = std::max(due, video_frames_);
     }
-    job.silent = !lines_.wanted() || (hooks_.quiet_frames && !frame.still);
-    if (job.silent && !is_kept()) return job;
+    job.silent = !lines_.enabled() || (hooks_.quiet_frames && !frame.still);
+    if (job.silent && !stores_results()) return job;
     describe(frame, view, job.line);
     if (live_) job.line["source"] = name_of(status.state);
     return job;
@@ -330,23 +330,24 @@ class Run {
   // Videos play at their own speed.
   void pace(double time) {
     const auto at = [&](double seconds) {
-      return *paced_from_ +
+      return *playback_start_ +
              std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
     };
     const Clock::time_point now = Clock::now();
     const bool late =
         // this machine is too slow for the video
-        paced_from_ && now - at(time) > milliseconds(500);
-    const bool early = paced_from_ && at(time) - now > std::chrono::seconds(5);  // another video
-    if (!paced_from_ || late || early) {
-      paced_from_ =
+        playback_start_ && now - at(time) > milliseconds(500);
+    const bool early =
+        playback_start_ && at(time) - now > std::chrono::seconds(5);  // another video
+    if (!playback_start_ || late || early) {
+      playback_start_ =
           now - std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(time));
     }
     const Clock::time_point due = at(time);
     while (!context_.stop.stop_requested() && !finished_) {
       const auto left = std::chrono::duration_cast<milliseconds>(due - Clock::now());
       if (left <= milliseconds(1)) break;
-      take_events(std::min(left, milliseconds(50)));
+      handle_events(std::min(left, milliseconds(50)));
     }
   }
 
@@ -359,19 +360,19 @@ class Run {
   }
 
   // The state of the source is shown with the view.
-  void look_at(const SourceStatus& status) {
+  void update_source_info(const SourceStatus& status) {
     info_.source = live_ ? name_of(status.state) : "file";
     info_.detail = live_ ? status.detail : "";
   }
 
   void idle(const SourceStatus& status) {
-    look_at(status);
+    update_source_info(status);
     show(session_.on_idle(status));
   }
 
   // --- the user ---
 
-  void take_events(milliseconds timeout) {
+  void handle_events(milliseconds timeout) {
     std::vector<Event> events;
     if (window_ != nullptr) {
       events = window_->poll(timeout);
@@ -416,14 +417,14 @@ class Run {
     finished_ = finished_ || view.finished;
     if (still_ && !view.output.empty()) {
       still_->image = view.output.clone();
-      if (lines_.wanted() && hooks_.describe) hooks_.describe(view, still_->line);
+      if (lines_.enabled() && hooks_.describe) hooks_.describe(view, still_->line);
     }
     if (event.kind == Event::Kind::kKey || event.kind == Event::Kind::kAction) {
       lines_.print({{"event", tarsier::describe(event)}, {"state", view.state}});
     }
     if (window_ == nullptr) return;
     if (view.toggle_fullscreen) window_->set_fullscreen(!window_->fullscreen());
-    if (event.kind != Event::Kind::kMouse) window_->offer(actions(), session_.sliders());
+    if (event.kind != Event::Kind::kMouse) window_->set_controls(actions(), session_.sliders());
   }
 
   void show(const View& view) {
@@ -435,7 +436,7 @@ class Run {
 
   void flush_still() {
     if (!still_) return;
-    Job job = std::move(*still_);
+    WriteJob job = std::move(*still_);
     still_.reset();
     writer_->write(std::move(job));
   }
@@ -455,7 +456,7 @@ class Run {
   const RunFlags& flags_;
   Context& context_;
   const RunHooks& hooks_;
-  Lines lines_;
+  LinePrinter lines_;
   std::unique_ptr<Batch> batch_;  // null: not a batch
   std::optional<CsvTable> table_;
   std::unique_ptr<FrameSource> source_;
@@ -466,7 +467,7 @@ class Run {
   bool live_ = false;
   bool live_video_ = false;  // a live source written to a video file
   double segment_s_ = 0;     // of a video's files
-  bool progressing_ = false;
+  bool shows_progress_ = false;
   bool paused_ = false;
   bool finished_ = false;
   bool window_closed_ = false;
@@ -474,10 +475,10 @@ class Run {
   window::FrameInfo info_;
   double fps_ = 25;
   std::int64_t received_ = 0;
-  std::int64_t taken_ = 0;
+  std::int64_t processed_ = 0;
   std::int64_t video_frames_ = 0;
-  std::optional<Job> still_;                     // shown in the window, not yet written
-  std::optional<Clock::time_point> paced_from_;  // the time at which the video's time was 0
+  std::optional<WriteJob> still_;                    // shown in the window, not yet written
+  std::optional<Clock::time_point> playback_start_;  // the time at which the video's time was 0
   std::optional<SourceState> last_state_;
 };
 

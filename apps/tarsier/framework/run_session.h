@@ -54,11 +54,11 @@ void default_to_headless(RunFlags& flags);
 class DebugFolder final : public DebugSink {
  public:
   explicit DebugFolder(std::string folder)
-      : folder_(std::move(folder)), may_show_(window::takes_stages()) {}
+      : folder_(std::move(folder)), may_show_(window::supports_stages()) {}
   // Null if the stages cannot be shown or written.
   [[nodiscard]] DebugSink* sink() { return folder_.empty() && !may_show_ ? nullptr : this; }
   [[nodiscard]] bool may_show() const { return may_show_; }
-  void show_in(window::Window* window) { window_ = window; }  // must outlive the session's work
+  void set_window(window::Window* window) { window_ = window; }  // must outlive the session's work
   void begin(const Frame& frame);  // the following stages belong to this frame
   void image(std::string_view name, const cv::Mat& image) override;  // throws OutputError
   void end();  // passes the requested stages to the window

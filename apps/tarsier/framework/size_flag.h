@@ -8,7 +8,7 @@
 namespace tarsier::cli {
 
 // Parses "1280x720". Throws UsageError, which says what was expected, unless both sides are
-// least..most px.
-[[nodiscard]] cv::Size parse_size(const std::string& text, int least, int most);
+// min_side..max_side px.
+[[nodiscard]] cv::Size parse_size(const std::string& text, int min_side, int max_side);
 
 }  // namespace tarsier::cli

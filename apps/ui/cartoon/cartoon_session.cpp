@@ -25,7 +25,7 @@ using cartoon::Mode;
 constexpr double kOutlineSeconds = 2;      // of frame time: how long the face outline shows ...
 constexpr double kOutlineFadeAfter = 0.8;  // ... and when it begins to fade
 constexpr double kMessageSeconds = 3;      // of frame time: how long "saved .." shows
-constexpr double kFpsMemory = 0.1;         // weight of the newest interval
+constexpr double kFpsWeight = 0.1;         // weight of the newest interval
 constexpr int kSketchStep = 5;             // per key press of + and -
 constexpr int kEvilStep = 1;
 constexpr const char* kSketchSlider = "sketch-threshold";
@@ -62,7 +62,7 @@ CartoonSession::CartoonSession(cartoon::Cartoonizer cartoonizer, CartoonSessionO
       cartoonizer_(std::move(cartoonizer)),
       settings_(cartoonizer_.options()),
       stages_(options_.debug),
-      outline_wanted_(settings_.mode == Mode::kAlien) {
+      outline_requested_(settings_.mode == Mode::kAlien) {
   options_.check();
 }
 
@@ -91,7 +91,7 @@ void CartoonSession::process(const Frame& frame) {
   if (before && !frame.still) {
     const double seconds = frame.time - *before;
     interval_s_ = seconds <= 0      ? 0  // another video
-                  : interval_s_ > 0 ? interval_s_ + kFpsMemory * (seconds - interval_s_)
+                  : interval_s_ > 0 ? interval_s_ + kFpsWeight * (seconds - interval_s_)
                                     : seconds;
   }
   draw_cartoon();
@@ -99,7 +99,7 @@ void CartoonSession::process(const Frame& frame) {
 }
 
 void CartoonSession::draw_cartoon() {
-  if (std::exchange(outline_wanted_, false)) {
+  if (std::exchange(outline_requested_, false)) {
     outline_since_.reset();
     if (!still() && settings_.skin.face == cartoon::FaceMode::kOutline)
       outline_since_ = latest().time;
@@ -116,7 +116,7 @@ void CartoonSession::draw_cartoon() {
   debug_view_ = debug_ ? stages_.tiled(frame().size()) : cv::Mat();
 }
 
-void CartoonSession::processed() {
+void CartoonSession::on_processed() {
   age_ms_ = source().age_s > 0 ? source().age_s * 1000 + result_.ms : 0;
   if (std::abs(latest().time - message_since_) > kMessageSeconds) message_.clear();
 }
@@ -143,7 +143,7 @@ void CartoonSession::draw_shown(cv::Mat& image) {
   if (draws_status()) draw_banner(image);
 }
 
-bool CartoonSession::draw_waiting(cv::Mat& image) {
+bool CartoonSession::draw_placeholder(cv::Mat& image) {
   image.create(480, 640, CV_8UC3);
   image.setTo(cv::Scalar(48, 40, 32));
   if (draws_status()) draw_banner(image);
@@ -262,10 +262,10 @@ bool CartoonSession::changed() {
 }
 
 void CartoonSession::set_mode(Mode mode) {
-  if (mode == Mode::kAlien && settings_.mode != Mode::kAlien) outline_wanted_ = true;
+  if (mode == Mode::kAlien && settings_.mode != Mode::kAlien) outline_requested_ = true;
   if (mode != Mode::kAlien) {
     outline_since_.reset();
-    outline_wanted_ = false;
+    outline_requested_ = false;
   }
   settings_.mode = mode;
 }
@@ -274,25 +274,25 @@ void CartoonSession::change_threshold(int direction) {
   const bool evil = draws_evil_lines(settings_.mode);
   int& threshold = evil ? settings_.evil.threshold : settings_.sketch.threshold;
   threshold = std::clamp(threshold + direction * (evil ? kEvilStep : kSketchStep), 0, 255);
-  say(fmt::format("threshold {}", threshold));
+  show_message(fmt::format("threshold {}", threshold));
 }
 
-void CartoonSession::say(std::string text) {
+void CartoonSession::show_message(std::string text) {
   message_ = std::move(text);
   message_since_ = latest().time;
 }
 
 void CartoonSession::save() {
   if (!has_image()) {
-    say("nothing to save yet");
+    show_message("nothing to save yet");
     return;
   }
   try {
     saved_ = save_numbered(options_.save_folder, result_.image);
-    say(fmt::format("saved {}", saved_));
+    show_message(fmt::format("saved {}", saved_));
   } catch (const OutputError& error) {  // a live session continues
     log_warning("cannot save: {}", error.what());
-    say("cannot save: see the log");
+    show_message("cannot save: see the log");
   }
 }
 

@@ -67,12 +67,12 @@ class CartoonSession final : public FrameSession {
   };
 
   void process(const Frame& frame) override;
-  void processed() override;
+  void on_processed() override;
   bool idle() override;
   void begin_drawing(cv::Mat& image) override { image = result_.image; }
   void draw(cv::Mat& image) override { static_cast<void>(image); }
   void draw_shown(cv::Mat& image) override;
-  bool draw_waiting(cv::Mat& image) override;
+  bool draw_placeholder(cv::Mat& image) override;
   [[nodiscard]] bool is_shown() const override { return options_.overlay; }
   [[nodiscard]] nlohmann::json state() const override;
   [[nodiscard]] std::string status() const override;
@@ -91,7 +91,7 @@ class CartoonSession final : public FrameSession {
   void draw_banner(cv::Mat& image) const;
   void set_mode(cartoon::Mode mode);
   void change_threshold(int direction);
-  void say(std::string text);
+  void show_message(std::string text);
   void save();
 
   CartoonSessionOptions options_;
@@ -106,7 +106,7 @@ class CartoonSession final : public FrameSession {
   std::optional<double> last_time_;      // of the previous frame
   double interval_s_ = 0;                // smoothed time between frames
   std::optional<double> outline_since_;  // frame time
-  bool outline_wanted_ = false;          // from the next frame
+  bool outline_requested_ = false;       // from the next frame
   std::string message_;
   double message_since_ = 0;
   std::string saved_;

@@ -76,7 +76,7 @@ class CartoonSessionTest : public ::testing::Test {
   const cartoon::Cartoonizer cartoonizer_ = cartoon::Cartoonizer::load({});
 };
 
-TEST_F(CartoonSessionTest, EveryKeySwitchesItsMode) {
+TEST_F(CartoonSessionTest, KeysSelectModes) {
   CartoonSession session(cartoonizer_, options_);
   View view = session.on_frame(moving(0), live());
   EXPECT_EQ(view.state.at("mode"), "cartoon");
@@ -93,7 +93,7 @@ TEST_F(CartoonSessionTest, EveryKeySwitchesItsMode) {
   }
 }
 
-TEST_F(CartoonSessionTest, EveryModeIsAnActionByName) {
+TEST_F(CartoonSessionTest, ActionsSelectModesByName) {
   CartoonSession session(cartoonizer_, options_);
   for (const cartoon::Mode mode : cartoon::all_modes()) {
     const View view = session.on_event(action_event(std::string(cartoon::name_of(mode))));
@@ -104,7 +104,7 @@ TEST_F(CartoonSessionTest, EveryModeIsAnActionByName) {
       << "scripts say what they mean";
 }
 
-TEST_F(CartoonSessionTest, ActionsHaveDifferentNamesAndKeys) {
+TEST_F(CartoonSessionTest, ActionNamesAndKeysAreUnique) {
   const CartoonSession session(cartoonizer_, options_);
   std::set<std::string> names;
   std::set<int> keys;
@@ -127,17 +127,17 @@ TEST_F(CartoonSessionTest, ModesDrawDifferentImages) {
   EXPECT_EQ(difference(none, test_image()), 0);
 }
 
-TEST_F(CartoonSessionTest, TheOutputIsClean) {
+TEST_F(CartoonSessionTest, OverlaysAreNotInTheOutput) {
   CartoonSessionOptions plain = options_;
   plain.overlay = false;
   CartoonSession shown(cartoonizer_, options_);
-  CartoonSession bare(cartoonizer_, plain);
+  CartoonSession without_overlay(cartoonizer_, plain);
   SourceStatus stale = live(4);
   stale.state = SourceState::kStale;
   stale.detail = "no frame for 4 s";
   shown.on_event(key_event('h'));
   const View with = shown.on_frame(moving(0), stale);
-  const View without = bare.on_frame(moving(0), stale);
+  const View without = without_overlay.on_frame(moving(0), stale);
   EXPECT_EQ(difference(with.output, without.output), 0);
   EXPECT_GT(difference(with.image, with.output), 50)
       << "status, banner and help are on the shown image";
@@ -162,14 +162,14 @@ TEST_F(CartoonSessionTest, PauseFreezesAndResumes) {
   EXPECT_EQ(view.state.at("frame"), 21);
 }
 
-TEST_F(CartoonSessionTest, PausedBeforeTheFirstFrameShowsThatOne) {
+TEST_F(CartoonSessionTest, PauseBeforeTheFirstFrameShowsThatFrame) {
   CartoonSession session(cartoonizer_, options_);
   session.on_event(key_event(key::kSpace));
   EXPECT_FALSE(session.on_frame(moving(0), live()).output.empty());
   EXPECT_TRUE(session.on_frame(moving(1), live()).output.empty());
 }
 
-TEST_F(CartoonSessionTest, SavesUnderTheFirstFreeNumber) {
+TEST_F(CartoonSessionTest, SavesUnderTheNextUnusedNumber) {
   CartoonSession session(cartoonizer_, options_);
   EXPECT_EQ(session.on_event(key_event('w')).state.count("saved"), 0u) << "nothing to save yet";
   session.on_frame(moving(0), live());
@@ -182,7 +182,7 @@ TEST_F(CartoonSessionTest, SavesUnderTheFirstFreeNumber) {
   EXPECT_EQ(fs::file_size(folder_ / "tarsier-0002.png"), 14u) << "not touched";
 }
 
-TEST_F(CartoonSessionTest, AFolderThatCannotBeWrittenDoesNotEndTheRun) {
+TEST_F(CartoonSessionTest, ReportsAFailedSaveAndContinues) {
   fs::create_directories(folder_);
   std::ofstream(folder_ / "file") << "no folder";
   options_.save_folder = (folder_ / "file").string();
@@ -216,7 +216,7 @@ TEST_F(CartoonSessionTest, TheFaceOutlineFadesByFrameTime) {
       << "gone after two seconds";
 }
 
-TEST_F(CartoonSessionTest, StillsGetNoOutline) {
+TEST_F(CartoonSessionTest, StillsHaveNoFaceOutline) {
   CartoonSession session(cartoonizer_, options_);
   session.on_frame(still(), live(0));
   const View view = session.on_event(key_event('a'));
@@ -225,7 +225,7 @@ TEST_F(CartoonSessionTest, StillsGetNoOutline) {
 }
 
 TEST_F(CartoonSessionTest, DebugViewShowsAllStages) {
-  struct Counter final : DebugSink {
+  struct StageCounter final : DebugSink {
     void image(std::string_view name, const cv::Mat& image) override {
       EXPECT_FALSE(image.empty()) << name;
       names.emplace(name);
@@ -245,8 +245,8 @@ TEST_F(CartoonSessionTest, DebugViewShowsAllStages) {
   EXPECT_FALSE(session.on_frame(moving(1), live()).state.at("debug"));
 }
 
-TEST_F(CartoonSessionTest, StagesThatNobodyWatchesAreNotMade) {
-  struct Sometimes final : DebugSink {
+TEST_F(CartoonSessionTest, ComputesStagesOnlyIfWatched) {
+  struct SwitchedSink final : DebugSink {
     void image(std::string_view, const cv::Mat&) override { ++count; }
     [[nodiscard]] bool is_watched() const override { return watched; }
     bool watched = false;
@@ -271,7 +271,7 @@ TEST_F(CartoonSessionTest, MeasuresFpsByFrameTimes) {
   EXPECT_NE(view.status.find("25.0 fps"), std::string::npos) << view.status;
 }
 
-TEST_F(CartoonSessionTest, TellsTheStateOfTheSource) {
+TEST_F(CartoonSessionTest, ReportsTheSourceState) {
   CartoonSession session(cartoonizer_, options_);
   SourceStatus status;
   status.state = SourceState::kConnecting;
@@ -284,17 +284,17 @@ TEST_F(CartoonSessionTest, TellsTheStateOfTheSource) {
   view = session.on_frame(moving(0), live(0.05));
   EXPECT_EQ(view.state.at("source"), "live");
   EXPECT_GE(view.state.at("age_ms").get<double>(), 50);
-  const cv::Mat calm = view.image.clone();
+  const cv::Mat live_view = view.image.clone();
   status.state = SourceState::kStale;
   status.age_s = 3;
   view = session.on_idle(status);
   EXPECT_EQ(view.state.at("source"), "stale");
   EXPECT_EQ(view.state.at("age_ms"), 3000.0);
-  EXPECT_GT(difference(view.image(cv::Rect(0, 0, 160, 60)), calm(cv::Rect(0, 0, 160, 60))), 50)
+  EXPECT_GT(difference(view.image(cv::Rect(0, 0, 160, 60)), live_view(cv::Rect(0, 0, 160, 60))), 50)
       << "a banner";
 }
 
-TEST_F(CartoonSessionTest, StateHasAllItsKeys) {
+TEST_F(CartoonSessionTest, StateHasAllDocumentedKeys) {
   CartoonSession session(cartoonizer_, options_);
   const View view = session.on_frame(moving(3), live());
   for (const char* key : {"mode", "fps", "age_ms", "source", "paused", "debug", "steady", "help",
@@ -305,7 +305,7 @@ TEST_F(CartoonSessionTest, StateHasAllItsKeys) {
   EXPECT_TRUE(view.state.at("faces").is_array());
 }
 
-TEST_F(CartoonSessionTest, ThresholdsByKeyAndSlider) {
+TEST_F(CartoonSessionTest, KeysAndSlidersChangeThresholds) {
   CartoonSession session(cartoonizer_, options_);
   EXPECT_EQ(session.on_event(key_event('+')).state.at("sketch_threshold"), 85);
   EXPECT_EQ(session.on_event(key_event('-')).state.at("sketch_threshold"), 80);
@@ -334,7 +334,7 @@ TEST_F(CartoonSessionTest, UnknownEventsChangeNothing) {
   EXPECT_EQ(session.on_event(mouse).state, state);
 }
 
-TEST_F(CartoonSessionTest, QuitAndFullScreenAreAskedOfTheHost) {
+TEST_F(CartoonSessionTest, RequestsQuitAndFullScreenFromTheHost) {
   for (const int key : {key::kEscape, static_cast<int>('q')}) {
     CartoonSession session(cartoonizer_, options_);
     EXPECT_TRUE(session.on_event(key_event(key)).finished);
@@ -345,7 +345,7 @@ TEST_F(CartoonSessionTest, QuitAndFullScreenAreAskedOfTheHost) {
   EXPECT_FALSE(session.on_frame(moving(0), live()).finished);
 }
 
-TEST_F(CartoonSessionTest, ImagesOfAnotherSizeMayFollow) {
+TEST_F(CartoonSessionTest, AcceptsAChangeOfImageSize) {
   CartoonSession session(cartoonizer_, options_);
   session.on_frame(moving(0), live());
   Frame frame = moving(1);
@@ -353,7 +353,7 @@ TEST_F(CartoonSessionTest, ImagesOfAnotherSizeMayFollow) {
   EXPECT_EQ(session.on_frame(frame, live()).output.size(), cv::Size(99, 67));
 }
 
-TEST_F(CartoonSessionTest, RefusesWhatItCannotDraw) {
+TEST_F(CartoonSessionTest, RefusesUnsuitableImages) {
   CartoonSession session(cartoonizer_, options_);
   Frame frame = still("tiny.png");
   frame.image = frame.image(cv::Rect(0, 0, 8, 8)).clone();
@@ -365,7 +365,7 @@ TEST_F(CartoonSessionTest, RefusesWhatItCannotDraw) {
   EXPECT_THROW((CartoonSession{cartoonizer_, options_}), std::invalid_argument);
 }
 
-TEST_F(CartoonSessionTest, WithoutStatusThereIsNeitherBarNorBanner) {
+TEST_F(CartoonSessionTest, WithoutStatusDrawsNoBarAndNoBanner) {
   CartoonSession session(cartoonizer_, options_);
   session.draw_status(false);
   SourceStatus stale = live(4);

@@ -29,7 +29,7 @@ std::string absolute(const std::string& path) {
   return error ? path : result.lexically_normal().string();
 }
 
-int known_points(const Matrix2Xd& points) {
+int count_known(const Matrix2Xd& points) {
   int count = 0;
   for (Eigen::Index i = 0; i < points.cols(); ++i) count += points.col(i).hasNaN() ? 0 : 1;
   return count;
@@ -103,7 +103,7 @@ bool AnnotateSession::edit(const std::string& why, Change change, bool undoable)
   change(state_);
   if (!journal(before, why)) {
     state_ = std::move(before);
-    find_places();
+    estimate_positions();
     return false;
   }
   if (undoable) {
@@ -118,7 +118,7 @@ bool AnnotateSession::edit(const std::string& why, Change change, bool undoable)
       message_ = fmt::format("Cannot write the set: {}", error.what());
     }
   }
-  find_places();
+  estimate_positions();
   return true;
 }
 
@@ -148,7 +148,7 @@ void AnnotateSession::undo(std::vector<AnnotateState>& from, std::vector<Annotat
   state_ = std::move(after);
   if (!journal(before, what)) {
     state_ = std::move(before);
-    find_places();
+    estimate_positions();
     return;
   }
   from.pop_back();
@@ -194,24 +194,24 @@ void AnnotateSession::open(int image) {
   drag_ = Drag::kNone;
   if (state_.images() == 0) {
     image_.release();
-    places_.resize(2, 0);
+    positions_.resize(2, 0);
     return;
   }
   current_ = std::clamp(image, 0, state_.images() - 1);
-  unreadable_.clear();
+  read_error_.clear();
   const AnnotatedImage& here = state_.image(current_);
   try {
     image_ = read_image(here.path);
   } catch (const InputError& error) {
     image_.release();
-    unreadable_ = error.what();
+    read_error_ = error.what();
   }
-  find_places();
+  estimate_positions();
   // A proposal that nobody changed is replaced by a better one.
-  const auto learned = learned_from_.find(here.path);
-  const bool is_stale =
-      !here.done && !here.touched &&
-      (!here.has_points() || learned == learned_from_.end() || learned->second != state_.done());
+  const auto learned = done_at_proposal_.find(here.path);
+  const bool is_stale = !here.done && !here.touched &&
+                        (!here.has_points() || learned == done_at_proposal_.end() ||
+                         learned->second != state_.done());
   is_learning_ = state_.stage() == AnnotateStage::kImages && is_stale && !image_.empty() &&
                  state_.points() > 0 && nearest_done(current_) >= 0;
 }
@@ -240,7 +240,7 @@ void AnnotateSession::propose_now() {
   is_learning_ = false;
   const int near = nearest_done(current_);
   if (image_.empty() || near < 0) return;
-  learned_from_[state_.image(current_).path] = state_.done();
+  done_at_proposal_[state_.image(current_).path] = state_.done();
   std::optional<Matrix2Xd> points;
   try {
     points = proposal();
@@ -254,9 +254,9 @@ void AnnotateSession::propose_now() {
     for (Eigen::Index i = 0; i < points->cols(); ++i) {
       if (points->col(i).hasNaN()) points->col(i) << 0.5 * image_.cols, 0.5 * image_.rows;
     }
-    const Eigen::Vector2d most = points->rowwise().maxCoeff();
-    const double shrink = std::min({1.0, (image_.cols - 1) / std::max(1.0, most.x()),
-                                    (image_.rows - 1) / std::max(1.0, most.y())});
+    const Eigen::Vector2d high = points->rowwise().maxCoeff();
+    const double shrink = std::min({1.0, (image_.cols - 1) / std::max(1.0, high.x()),
+                                    (image_.rows - 1) / std::max(1.0, high.y())});
     *points *= shrink;
     if (message_.empty())
       message_ = "Drag the points to their places (shift: all; [ ] < > size and turn)";
@@ -269,25 +269,25 @@ void AnnotateSession::propose_now() {
       [&](AnnotateState& state) { state.set_points(current_, *points); }, false);
 }
 
-void AnnotateSession::find_places() {
+void AnnotateSession::estimate_positions() {
   if (state_.images() == 0) {
-    places_.resize(2, 0);
+    positions_.resize(2, 0);
     return;
   }
   current_ = std::min(current_, state_.images() - 1);
   const AnnotatedImage& here = state_.image(current_);
-  places_ = here.points;
+  positions_ = here.points;
   if (selected_ >= state_.points()) selected_ = -1;
-  if (!here.has_points() || known_points(places_) < 2 ||
-      known_points(places_) == static_cast<int>(places_.cols()))
+  if (!here.has_points() || count_known(positions_) < 2 ||
+      count_known(positions_) == static_cast<int>(positions_.cols()))
     return;
   const int near = nearest_done(current_);
   if (near < 0) return;
   const Matrix2Xd& other = state_.image(near).points;
   try {
-    const Matrix2Xd guess = face::shape::fit_similarity(other, places_)(other);
-    for (Eigen::Index i = 0; i < places_.cols(); ++i)
-      if (places_.col(i).hasNaN()) places_.col(i) = guess.col(i);
+    const Matrix2Xd guess = face::shape::fit_similarity(other, positions_)(other);
+    for (Eigen::Index i = 0; i < positions_.cols(); ++i)
+      if (positions_.col(i).hasNaN()) positions_.col(i) = guess.col(i);
   } catch (const std::invalid_argument&) {  // too few points in common
   }
 }
@@ -309,8 +309,8 @@ void AnnotateSession::pick() {
   fs::create_directories(frames_folder(), error);
   try {
     write_image(path, frame_.image);
-  } catch (const OutputError& trouble) {
-    message_ = fmt::format("Cannot save: {}", trouble.what());
+  } catch (const OutputError& save_error) {
+    message_ = fmt::format("Cannot save: {}", save_error.what());
     return;
   }
   if (edit(
@@ -335,7 +335,7 @@ void AnnotateSession::accept() {
   message_ = "All images are done. q: end";
 }
 
-void AnnotateSession::turn_page(int direction) {
+void AnnotateSession::change_image(int direction) {
   if (state_.images() == 0 || state_.stage() == AnnotateStage::kPick) return;
   const AnnotatedImage& here = state_.image(current_);
   if (state_.stage() == AnnotateStage::kImages && !here.done && here.touched) {
@@ -354,8 +354,8 @@ void AnnotateSession::on_left_up() {
   is_left_down_ = false;
   const Drag drag = std::exchange(drag_, Drag::kNone);
   if (drag != Drag::kPoint && drag != Drag::kAll) return;
-  if (state_.images() == 0 || places_.cols() != drag_start_.cols()) return;
-  const Matrix2Xd now = places_;
+  if (state_.images() == 0 || positions_.cols() != drag_start_.cols()) return;
+  const Matrix2Xd now = positions_;
   if (drag == Drag::kPoint) {
     if (selected_ < 0 || now.col(selected_) == drag_start_.col(selected_)) return;
     (void)edit(fmt::format("move {}", selected_), [&](AnnotateState& state) {
@@ -367,7 +367,7 @@ void AnnotateSession::on_left_up() {
   for (Eigen::Index i = 0; i < points.cols(); ++i)
     if (!points.col(i).hasNaN()) points.col(i) = now.col(i);
   if (now == drag_start_ || points.hasNaN()) {
-    find_places();
+    estimate_positions();
     return;
   }
   (void)edit("move all", [&](AnnotateState& state) { state.set_points(current_, points, true); });
@@ -377,20 +377,21 @@ void AnnotateSession::transform_all(double factor, double angle) {
   if (state_.images() == 0 || state_.points() == 0) return;
   Matrix2Xd points = state_.image(current_).points;
   if (points.hasNaN() || state_.stage() != AnnotateStage::kImages) return;
-  const Eigen::Vector2d middle = points.rowwise().mean();
+  const Eigen::Vector2d center = points.rowwise().mean();
   const double sign = mirrored_ ? -1 : 1;
   const face::shape::Similarity2d turn{factor * std::cos(angle), sign * factor * std::sin(angle), 0,
                                        0};
-  points = turn(Matrix2Xd(points.colwise() - middle)).colwise() + middle;
+  points = turn(Matrix2Xd(points.colwise() - center)).colwise() + center;
   (void)edit("size and turn",
              [&](AnnotateState& state) { state.set_points(current_, points, true); });
 }
 
 void AnnotateSession::nudge(double dx, double dy) {
-  if (selected_ < 0 || selected_ >= places_.cols() || places_.col(selected_).hasNaN()) return;
-  const Eigen::Vector2d place = places_.col(selected_) + Eigen::Vector2d(mirrored_ ? -dx : dx, dy);
+  if (selected_ < 0 || selected_ >= positions_.cols() || positions_.col(selected_).hasNaN()) return;
+  const Eigen::Vector2d position =
+      positions_.col(selected_) + Eigen::Vector2d(mirrored_ ? -dx : dx, dy);
   (void)edit(fmt::format("nudge {}", selected_),
-             [&](AnnotateState& state) { state.move_point(current_, selected_, place); });
+             [&](AnnotateState& state) { state.move_point(current_, selected_, position); });
 }
 
 void AnnotateSession::remove_selected() {
@@ -415,12 +416,12 @@ void AnnotateSession::hide_selected() {
     return;
   }
   const bool hide = state_.image(current_).is_shown(selected_);
-  const Eigen::Vector2d place = places_.col(selected_);
+  const Eigen::Vector2d position = positions_.col(selected_);
   (void)edit(fmt::format("{} {}", hide ? "hide" : "show", selected_), [&](AnnotateState& state) {
-    if (hide || place.hasNaN()) {
+    if (hide || position.hasNaN()) {
       state.hide_point(current_, selected_, hide);
     } else {
-      state.move_point(current_, selected_, place);
+      state.move_point(current_, selected_, position);
     }
   });
 }
@@ -428,15 +429,15 @@ void AnnotateSession::hide_selected() {
 void AnnotateSession::on_left_down(cv::Point2d in_view, bool shift) {
   if (is_left_down_ || state_.stage() == AnnotateStage::kPick || image_.empty()) return;
   is_left_down_ = true;
-  const cv::Point2d place = to_image(in_view);
+  const cv::Point2d position = to_image(in_view);
   const int near = point_near(in_view);
   if (state_.stage() == AnnotateStage::kConnections || state_.stage() == AnnotateStage::kSymmetry) {
     click_pair(near, shift);
     return;
   }
-  drag_from_ = place;
-  drag_start_ = places_;
-  if (shift && state_.stage() == AnnotateStage::kImages && places_.cols() > 0) {
+  drag_origin_ = position;
+  drag_start_ = positions_;
+  if (shift && state_.stage() == AnnotateStage::kImages && positions_.cols() > 0) {
     drag_ = Drag::kAll;
     return;
   }
@@ -446,10 +447,12 @@ void AnnotateSession::on_left_down(cv::Point2d in_view, bool shift) {
     return;
   }
   selected_ = -1;
-  const bool is_inside = place.x >= -0.5 && place.y >= -0.5 && place.x <= image_.cols - 0.5 &&
-                         place.y <= image_.rows - 0.5;
+  const bool is_inside = position.x >= -0.5 && position.y >= -0.5 &&
+                         position.x <= image_.cols - 0.5 && position.y <= image_.rows - 0.5;
   if (state_.stage() != AnnotateStage::kPoints || !is_inside) return;
-  if (edit("add", [&](AnnotateState& state) { state.add_point(current_, {place.x, place.y}); }))
+  if (edit("add", [&](AnnotateState& state) {
+        state.add_point(current_, {position.x, position.y});
+      }))
     selected_ = -1;
 }
 
@@ -508,8 +511,8 @@ void AnnotateSession::act(const std::string& name) {
       set_stage(static_cast<AnnotateStage>(static_cast<int>(stage) + 1));
     }
   }
-  if (name == "next") turn_page(1);
-  if (name == "previous") turn_page(-1);
+  if (name == "next") change_image(1);
+  if (name == "previous") change_image(-1);
   if (name == "undo") undo(before_, undone_, "undo");
   if (name == "redo") undo(undone_, before_, "redo");
   if (name == "delete") remove_selected();

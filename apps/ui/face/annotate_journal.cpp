@@ -26,12 +26,12 @@ using nlohmann::json;
 constexpr std::int64_t kMaxBytes = 1'000'000'000;
 constexpr mode_t kMode = 0644;
 
-std::string reason() { return std::strerror(errno); }
+std::string errno_text() { return std::strerror(errno); }
 
-void write_through(int fd, const json& record, const std::string& path) {
+void write_synced(int fd, const json& record, const std::string& path) {
   const std::string line = record.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
   write_all(fd, line, path);
-  if (::fsync(fd) != 0) throw OutputError(path, reason());
+  if (::fsync(fd) != 0) throw OutputError(path, errno_text());
 }
 
 }  // namespace
@@ -47,7 +47,7 @@ std::vector<json> AnnotateJournal::open() {
   close();
   lines_ = 0;
   fd_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW, kMode);
-  if (fd_ < 0) throw OutputError(path_, reason());
+  if (fd_ < 0) throw OutputError(path_, errno_text());
   if (::flock(fd_, LOCK_EX | LOCK_NB) != 0) {
     close();
     throw InputError(path_, "another program is annotating this set");
@@ -73,7 +73,7 @@ std::vector<json> AnnotateJournal::open() {
     good = begin;
   }
   if (good < text.size() && ::ftruncate(fd_, static_cast<off_t>(good)) != 0)
-    throw OutputError(path_, reason());
+    throw OutputError(path_, errno_text());
   lines_ = static_cast<int>(records.size());
   return records;
 }
@@ -81,16 +81,16 @@ std::vector<json> AnnotateJournal::open() {
 void AnnotateJournal::append(const json& record) {
   if (fd_ < 0) {
     fd_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW, kMode);
-    if (fd_ < 0) throw OutputError(path_, reason());
+    if (fd_ < 0) throw OutputError(path_, errno_text());
     sync_folder(path_);
   }
-  write_through(fd_, record, path_);
+  write_synced(fd_, record, path_);
   ++lines_;
 }
 
 void AnnotateJournal::restart(const std::optional<json>& record) {
   if (!record) {
-    if (::unlink(path_.c_str()) != 0 && errno != ENOENT) throw OutputError(path_, reason());
+    if (::unlink(path_.c_str()) != 0 && errno != ENOENT) throw OutputError(path_, errno_text());
     sync_folder(path_);
     close();
     lines_ = 0;
@@ -100,11 +100,11 @@ void AnnotateJournal::restart(const std::optional<json>& record) {
   const std::string next = path_ + ".new";
   const int fd =
       ::open(next.c_str(), O_RDWR | O_CREAT | O_TRUNC | O_APPEND | O_CLOEXEC | O_NOFOLLOW, kMode);
-  if (fd < 0) throw OutputError(next, reason());
+  if (fd < 0) throw OutputError(next, errno_text());
   try {
     (void)::flock(fd, LOCK_EX | LOCK_NB);
-    write_through(fd, *record, next);
-    if (::rename(next.c_str(), path_.c_str()) != 0) throw OutputError(path_, reason());
+    write_synced(fd, *record, next);
+    if (::rename(next.c_str(), path_.c_str()) != 0) throw OutputError(path_, errno_text());
   } catch (...) {
     ::close(fd);
     ::unlink(next.c_str());

@@ -23,7 +23,7 @@ void AnnotateOptions::check() const {
   TARSIER_REQUIRE(!set_path.empty(), "the set's file has no name");
 }
 
-AnnotateSession::AnnotateSession(const AnnotateOptions& options, Propose propose)
+AnnotateSession::AnnotateSession(const AnnotateOptions& options, PointProposer propose)
     : options_(options), propose_(std::move(propose)), journal_(options.set_path + ".journal") {
   options_.check();
   is_proposing_ = propose_ != nullptr;
@@ -45,7 +45,7 @@ View AnnotateSession::on_frame(const Frame& frame, const SourceStatus&) {
   frame_ = frame;
   frame_.image = frame.image.clone();
   recent_.push_back(frame_);
-  back_ = 0;
+  steps_back_ = 0;
   const std::size_t bytes = std::max<std::size_t>(1, frame_.image.total() * 3);
   while (recent_.size() > std::max<std::size_t>(2, kRecentBytes / bytes)) recent_.pop_front();
   if (steps_ > 0) --steps_;
@@ -65,12 +65,12 @@ void AnnotateSession::video_ended() {
 }
 
 void AnnotateSession::step_back() {
-  if (back_ + 1 >= recent_.size()) {
+  if (steps_back_ + 1 >= recent_.size()) {
     message_ = "No earlier frame is kept";
     return;
   }
-  ++back_;
-  frame_ = recent_[recent_.size() - 1 - back_];
+  ++steps_back_;
+  frame_ = recent_[recent_.size() - 1 - steps_back_];
 }
 
 View AnnotateSession::on_event(const Event& event) {
@@ -109,9 +109,9 @@ View AnnotateSession::on_event(const Event& event) {
       step_back();
     } else if (is_picking && pressed == key::kRight) {
       paused_ = true;
-      if (back_ > 0) {
-        --back_;
-        frame_ = recent_[recent_.size() - 1 - back_];
+      if (steps_back_ > 0) {
+        --steps_back_;
+        frame_ = recent_[recent_.size() - 1 - steps_back_];
       } else {
         ++steps_;
       }
@@ -130,11 +130,11 @@ View AnnotateSession::on_event(const Event& event) {
 }
 
 void AnnotateSession::act_on_view(const std::string& name) {
-  const cv::Point2d middle(0.5 * options_.canvas.width, 0.5 * options_.canvas.height);
+  const cv::Point2d center(0.5 * options_.canvas.width, 0.5 * options_.canvas.height);
   // Zoom towards the point that is being edited.
-  cv::Point2d around = mouse_.x >= 0 ? mouse_ : middle;
-  if (selected_ >= 0 && selected_ < places_.cols() && !places_.col(selected_).hasNaN())
-    around = to_view({places_(0, selected_), places_(1, selected_)});
+  cv::Point2d around = mouse_.x >= 0 ? mouse_ : center;
+  if (selected_ >= 0 && selected_ < positions_.cols() && !positions_.col(selected_).hasNaN())
+    around = to_view({positions_(0, selected_), positions_(1, selected_)});
   controls_.act(name);
   if (name == "numbers") numbers_ = !numbers_;
   if (name == "lines") lines_ = !lines_;
@@ -142,7 +142,7 @@ void AnnotateSession::act_on_view(const std::string& name) {
   if (name == "magnifier") magnifier_ = !magnifier_;
   if (name == "nearer") zoom(kZoom, around);
   if (name == "farther") zoom(1 / kZoom, around);
-  if (name == "whole") zoom(0, middle);
+  if (name == "whole") zoom(0, center);
   if (name == "fit") zoom_to_points();
   if (name == "pause" && state_.stage() == AnnotateStage::kPick) paused_ = !paused_;
 }
@@ -180,32 +180,32 @@ std::vector<Action> AnnotateSession::actions() const {
 }
 
 void AnnotateSession::on_mouse(const Event& event) {
-  const cv::Point2d place(event.x, event.y);
-  mouse_ = place;
+  const cv::Point2d position(event.x, event.y);
+  mouse_ = position;
   switch (event.mouse) {
     case Event::Mouse::kMove:
-      on_move(place);
+      on_move(position);
       break;
     case Event::Mouse::kLeftDown:
     case Event::Mouse::kDouble:  // some toolkits report the second click only like this
-      on_left_down(place, event.shift);
+      on_left_down(position, event.shift);
       break;
     case Event::Mouse::kLeftUp:
-      on_move(place);
+      on_move(position);
       on_left_up();
       break;
     case Event::Mouse::kRightDown:
     case Event::Mouse::kMiddleDown:
       drag_ = Drag::kPan;
-      drag_from_ = place;
-      center_from_ = center_;
+      drag_origin_ = position;
+      center_at_drag_ = center_;
       break;
     case Event::Mouse::kRightUp:
     case Event::Mouse::kMiddleUp:
       if (drag_ == Drag::kPan) drag_ = Drag::kNone;
       break;
     case Event::Mouse::kWheel:
-      zoom(std::pow(kZoom, std::clamp(event.wheel, -20, 20)), place);
+      zoom(std::pow(kZoom, std::clamp(event.wheel, -20, 20)), position);
       break;
   }
 }
@@ -213,28 +213,29 @@ void AnnotateSession::on_mouse(const Event& event) {
 void AnnotateSession::on_move(cv::Point2d in_view) {
   if (drag_ == Drag::kNone) return;
   if (drag_ == Drag::kPan) {
-    cv::Point2d by = (in_view - drag_from_) / scale();
+    cv::Point2d by = (in_view - drag_origin_) / scale();
     if (mirrored_) by.x = -by.x;
-    center_ = center_from_ - by;
+    center_ = center_at_drag_ - by;
     const cv::Mat& image = shown_image();
     center_.x = std::clamp(center_.x, 0.0, std::max(0.0, image.cols - 1.0));
     center_.y = std::clamp(center_.y, 0.0, std::max(0.0, image.rows - 1.0));
     return;
   }
-  if (places_.cols() != drag_start_.cols()) return;
-  const cv::Point2d by = to_image(in_view) - drag_from_;
+  if (positions_.cols() != drag_start_.cols()) return;
+  const cv::Point2d by = to_image(in_view) - drag_origin_;
   const Eigen::Vector2d step(by.x, by.y);
   if (drag_ == Drag::kAll) {
-    places_ = drag_start_.colwise() + step;
+    positions_ = drag_start_.colwise() + step;
     return;
   }
   if (selected_ < 0) return;
   // A click with a small movement is not a drag.
-  if (cv::norm(by) * scale() < 1.5 && places_.col(selected_) == drag_start_.col(selected_)) return;
-  Eigen::Vector2d place = drag_start_.col(selected_) + step;
-  place.x() = std::clamp(place.x(), 0.0, std::max(0.0, image_.cols - 1.0));
-  place.y() = std::clamp(place.y(), 0.0, std::max(0.0, image_.rows - 1.0));
-  places_.col(selected_) = place;
+  if (cv::norm(by) * scale() < 1.5 && positions_.col(selected_) == drag_start_.col(selected_))
+    return;
+  Eigen::Vector2d position = drag_start_.col(selected_) + step;
+  position.x() = std::clamp(position.x(), 0.0, std::max(0.0, image_.cols - 1.0));
+  position.y() = std::clamp(position.y(), 0.0, std::max(0.0, image_.rows - 1.0));
+  positions_.col(selected_) = position;
 }
 
 }  // namespace tarsier

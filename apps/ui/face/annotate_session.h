@@ -37,7 +37,7 @@ struct AnnotateOptions {
 };
 
 // Proposes the points of an image (2 x n, px, all finite), or nullopt; see face::Annotator.
-using Propose =
+using PointProposer =
     std::function<std::optional<Eigen::Matrix2Xd>(const face::ProposalRequest& request)>;
 
 // Annotates points on images. The steps: pick frames (video); click the points on the first image;
@@ -54,7 +54,7 @@ class AnnotateSession final : public Session {
  public:
   // `propose` may be empty. Throws InputError if the set or the journal is corrupt or another
   // program has the set open, OutputError if the set's folder is not writable.
-  AnnotateSession(const AnnotateOptions& options, Propose propose);
+  AnnotateSession(const AnnotateOptions& options, PointProposer propose);
 
   View on_frame(const Frame& frame, const SourceStatus& source) override;
   View on_idle(const SourceStatus& source) override;
@@ -63,7 +63,7 @@ class AnnotateSession final : public Session {
   [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
   // The current view.
-  View look() { return view(); }
+  View current_view() { return view(); }
 
   // Whether the host should pass the video's next frame; `at_once`: ignoring the video's speed.
   [[nodiscard]] bool wants_frame() const;
@@ -99,7 +99,7 @@ class AnnotateSession final : public Session {
   void remove_selected();
   void hide_selected();
   void transform_all(double scale, double angle);
-  void turn_page(int direction);
+  void change_image(int direction);
   void set_stage(AnnotateStage stage);
   // annotate_edit.cpp
   void load();
@@ -113,7 +113,7 @@ class AnnotateSession final : public Session {
   [[nodiscard]] std::optional<Eigen::Matrix2Xd> proposal();
   [[nodiscard]] int nearest_done(int image) const;  // -1: none
   [[nodiscard]] int reference() const;              // image in which points are defined; -1: none
-  void find_places();                               // for points without one, in the current image
+  void estimate_positions();                        // for points without one, in the current image
   [[nodiscard]] std::string frames_folder() const;
   // annotate_view.cpp
   [[nodiscard]] const cv::Mat& shown_image() const;
@@ -125,12 +125,12 @@ class AnnotateSession final : public Session {
   void draw();
   void draw_points();
   void draw_magnifier();
-  [[nodiscard]] std::string what_to_do() const;
-  [[nodiscard]] std::string where() const;
+  [[nodiscard]] std::string instruction() const;
+  [[nodiscard]] std::string progress_text() const;
   View view();
 
   AnnotateOptions options_;
-  Propose propose_;
+  PointProposer propose_;
   AnnotateState state_;
   AnnotateJournal journal_;
   std::vector<AnnotateState> undone_;
@@ -138,18 +138,18 @@ class AnnotateSession final : public Session {
   int unsaved_ = 0;
 
   int current_ = 0;
-  cv::Mat image_;            // current, BGR; empty: cannot be read
-  std::string unreadable_;   // the reason
-  Eigen::Matrix2Xd places_;  // of the current image, with guesses for hidden points
+  cv::Mat image_;               // current, BGR; empty: cannot be read
+  std::string read_error_;      // the reason
+  Eigen::Matrix2Xd positions_;  // of the current image, with guesses for hidden points
   // by path: number of images done at the time of the proposal
-  std::map<std::string, int> learned_from_;
+  std::map<std::string, int> done_at_proposal_;
   bool is_learning_ = false;
   bool is_proposing_ = true;
   int selected_ = -1;
 
   Frame frame_;  // of the video
   std::deque<Frame> recent_;
-  std::size_t back_ = 0;  // steps back in `recent_`
+  std::size_t steps_back_ = 0;  // steps back in `recent_`
   bool is_video_over_ = false;
   bool paused_ = false;
   int steps_ = 0;
@@ -157,9 +157,9 @@ class AnnotateSession final : public Session {
 
   Drag drag_ = Drag::kNone;
   bool is_left_down_ = false;
-  cv::Point2d drag_from_;  // image px (kPan: view px)
+  cv::Point2d drag_origin_;  // image px (kPan: view px)
   Eigen::Matrix2Xd drag_start_;
-  cv::Point2d center_from_;
+  cv::Point2d center_at_drag_;
   cv::Point2d mouse_{-1, -1};  // view px
 
   double zoom_ = 1;     // 1: the whole image is visible

@@ -32,9 +32,9 @@ cv::Mat test_image(int number, cv::Size size = {200, 150}) {
 }
 
 // A video of so many frames.
-class Video final : public FrameSource {
+class TestVideo final : public FrameSource {
  public:
-  explicit Video(int count) : count_(count) {}
+  explicit TestVideo(int count) : count_(count) {}
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
     if (at_ >= count_) return std::nullopt;
     Frame frame;
@@ -106,7 +106,7 @@ class AnnotateSessionTest : public ::testing::Test {
   AnnotateOptions options_;
 };
 
-TEST_F(AnnotateSessionTest, FromNothingToASet) {
+TEST_F(AnnotateSessionTest, CreatesASetFromImages) {
   AnnotateSession session(options_, {});
   EXPECT_EQ(press(session, key::kTab).state.at("stage"), "points");
   four_points(session);
@@ -143,7 +143,7 @@ TEST_F(AnnotateSessionTest, FromNothingToASet) {
   EXPECT_FALSE(fs::exists(options_.set_path + ".journal")) << "nothing is left for it";
 }
 
-TEST_F(AnnotateSessionTest, NothingIsLostWithoutAnEnd) {
+TEST_F(AnnotateSessionTest, ContinuesAfterARunThatWasNotFinished) {
   {
     AnnotateSession session(options_, {});
     four_points(session);
@@ -170,7 +170,7 @@ TEST_F(AnnotateSessionTest, NothingIsLostWithoutAnEnd) {
   EXPECT_EQ(session.state().stage(), AnnotateStage::kImages);
 }
 
-TEST_F(AnnotateSessionTest, TheSetIsWrittenNowAndThen) {
+TEST_F(AnnotateSessionTest, WritesTheSetEveryFewEdits) {
   options_.save_every = 3;
   {
     AnnotateSession session(options_, {});
@@ -182,12 +182,12 @@ TEST_F(AnnotateSessionTest, TheSetIsWrittenNowAndThen) {
   EXPECT_EQ(session.state().stage(), AnnotateStage::kPoints);
 }
 
-TEST_F(AnnotateSessionTest, ASecondProgramIsRefused) {
+TEST_F(AnnotateSessionTest, RefusesASecondProgram) {
   AnnotateSession session(options_, {});
   EXPECT_THROW(AnnotateSession(options_, {}), InputError);
 }
 
-TEST_F(AnnotateSessionTest, UndoAndRedoByKeysAndControl) {
+TEST_F(AnnotateSessionTest, UndoesAndRedoes) {
   AnnotateSession session(options_, {});
   four_points(session);
   drag(session, {40, 40}, {44, 44});
@@ -214,7 +214,7 @@ TEST_F(AnnotateSessionTest, UndoAndRedoByKeysAndControl) {
   EXPECT_NEAR(set().samples[0].points(0, 0), 40, 1e-6);
 }
 
-TEST_F(AnnotateSessionTest, UndoShowsTheImageThatItChanges) {
+TEST_F(AnnotateSessionTest, UndoOpensTheChangedImage) {
   AnnotateSession session(options_, {});
   four_points(session);
   press(session, '5');
@@ -232,7 +232,7 @@ TEST_F(AnnotateSessionTest, UndoShowsTheImageThatItChanges) {
   EXPECT_NEAR(point(session, 1, 0).x(), 40, 1e-6);
 }
 
-TEST_F(AnnotateSessionTest, DeletingOnTheFirstImageAndHidingElsewhere) {
+TEST_F(AnnotateSessionTest, DeletesPointsOnTheFirstImageAndHidesThemOnOthers) {
   AnnotateSession session(options_, {});
   four_points(session);
   click(session, {120, 40});
@@ -256,7 +256,7 @@ TEST_F(AnnotateSessionTest, DeletingOnTheFirstImageAndHidingElsewhere) {
   EXPECT_TRUE(session.state().image(session.current()).is_shown(1));
 }
 
-TEST_F(AnnotateSessionTest, AHiddenPointOfAFileComesBackWhereTheOthersSay) {
+TEST_F(AnnotateSessionTest, EstimatesThePositionOfAHiddenPointWhenShown) {
   {
     AnnotateSession session(options_, {});
     four_points(session);
@@ -280,7 +280,7 @@ TEST_F(AnnotateSessionTest, AHiddenPointOfAFileComesBackWhereTheOthersSay) {
   EXPECT_NEAR(point(session, 1, 2).y(), 75, 0.01);
 }
 
-TEST_F(AnnotateSessionTest, ArrowsNudgeByAQuarterPixelWhenNear) {
+TEST_F(AnnotateSessionTest, ArrowsMoveAPointByAQuarterPixelWhenZoomedIn) {
   AnnotateSession session(options_, {});
   four_points(session);
   click(session, {80, 70});
@@ -294,7 +294,7 @@ TEST_F(AnnotateSessionTest, ArrowsNudgeByAQuarterPixelWhenNear) {
   EXPECT_NEAR(point(session, 0, 2).x(), 80, 1e-6) << "mirrored: right on the screen";
 }
 
-TEST_F(AnnotateSessionTest, ViewAndImageAgreeAtAnyZoomAndMirrored) {
+TEST_F(AnnotateSessionTest, ToViewMatchesTheDrawingAtAnyZoomAndMirrored) {
   AnnotateSession session(options_, {});
   four_points(session);
   press(session, 'i');  // no numbers
@@ -324,7 +324,7 @@ TEST_F(AnnotateSessionTest, ViewAndImageAgreeAtAnyZoomAndMirrored) {
   look("whole again");
 }
 
-TEST_F(AnnotateSessionTest, ADoubleClickIsTwoClicksInAnyToolkit) {
+TEST_F(AnnotateSessionTest, TreatsADoubleClickAsTwoClicks) {
   AnnotateSession session(options_, {});
   const cv::Point2d a = session.to_view({20, 20});
   const cv::Point2d b = session.to_view({60, 60});
@@ -340,10 +340,10 @@ TEST_F(AnnotateSessionTest, ADoubleClickIsTwoClicksInAnyToolkit) {
   EXPECT_EQ(session.state().points(), 3);
 }
 
-TEST_F(AnnotateSessionTest, ProposalsComeFromWhatIsDone) {
+TEST_F(AnnotateSessionTest, ProposesPointsFromTheFinishedImages) {
   int calls = 0;
   face::ProposalRequest last;
-  const Propose propose =
+  const PointProposer propose =
       [&](const face::ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
     ++calls;
     last = request;
@@ -374,8 +374,8 @@ TEST_F(AnnotateSessionTest, ProposalsComeFromWhatIsDone) {
   EXPECT_EQ(set().samples.size(), 1u) << "what nobody agreed to is not in the set";
 }
 
-TEST_F(AnnotateSessionTest, AProposalNobodyTouchedGivesWayToABetterOne) {
-  const Propose propose =
+TEST_F(AnnotateSessionTest, ReplacesUntouchedProposalsOnly) {
+  const PointProposer propose =
       [](const face::ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
     Eigen::Matrix2Xd points = request.annotated.samples[0].points;
     points.array() += static_cast<double>(request.annotated.samples.size());
@@ -403,7 +403,7 @@ TEST_F(AnnotateSessionTest, AProposalNobodyTouchedGivesWayToABetterOne) {
   EXPECT_NEAR(point(session, 2, 0).x(), 50, 1e-6);
 }
 
-TEST_F(AnnotateSessionTest, ZoomsToThePoints) {
+TEST_F(AnnotateSessionTest, ZoomToPointsShowsAllPoints) {
   AnnotateSession session(options_, {});
   four_points(session);
   EXPECT_GT(press(session, 'f').state.at("zoom"), 1.2);
@@ -413,9 +413,10 @@ TEST_F(AnnotateSessionTest, ZoomsToThePoints) {
   }
 }
 
-TEST_F(AnnotateSessionTest, AProposerThatFailsOrTalksNonsenseDoesNotEndTheWork) {
+TEST_F(AnnotateSessionTest, IgnoresInvalidProposalsAndErrors) {
   int kind = 0;
-  const Propose propose = [&](const face::ProposalRequest&) -> std::optional<Eigen::Matrix2Xd> {
+  const PointProposer propose =
+      [&](const face::ProposalRequest&) -> std::optional<Eigen::Matrix2Xd> {
     if (kind == 0) return Eigen::Matrix2Xd::Zero(2, 99);
     if (kind == 1) return Eigen::Matrix2Xd::Constant(2, 4, std::nan(""));
     throw InputError("x", "gone");
@@ -430,7 +431,7 @@ TEST_F(AnnotateSessionTest, AProposerThatFailsOrTalksNonsenseDoesNotEndTheWork) 
   }
 }
 
-TEST_F(AnnotateSessionTest, ImagesThatAreMissingOrBrokenAreSaid) {
+TEST_F(AnnotateSessionTest, ReportsUnreadableImages) {
   std::ofstream(options_.images[1]) << "no image";
   AnnotateSession session(options_, {});
   four_points(session);
@@ -443,16 +444,16 @@ TEST_F(AnnotateSessionTest, ImagesThatAreMissingOrBrokenAreSaid) {
   EXPECT_FALSE(session.state().image(1).has_points());
 }
 
-TEST_F(AnnotateSessionTest, FramesOfAVideoArePickedBesideTheSet) {
+TEST_F(AnnotateSessionTest, SavesPickedVideoFramesBesideTheSet) {
   options_.images.clear();
   options_.video = true;
   AnnotateSession session(options_, {});
-  Video video(6);
+  TestVideo video(6);
   ScriptedHost host(session, video);
-  host.at(2, key_event('s'));
-  host.at(3, key_event('s'));
-  host.at(3, key_event('s'));  // again
-  host.at(5, action_event("pick"));
+  host.schedule(2, key_event('s'));
+  host.schedule(3, key_event('s'));
+  host.schedule(3, key_event('s'));  // again
+  host.schedule(5, action_event("pick"));
   const auto& steps = host.run();
   EXPECT_TRUE(session.wants_frame());
   session.video_ended();
@@ -468,15 +469,15 @@ TEST_F(AnnotateSessionTest, FramesOfAVideoArePickedBesideTheSet) {
   EXPECT_EQ(set().samples.at(0).image, "set-frames/frame-000001.png");
 }
 
-TEST_F(AnnotateSessionTest, PickedFramesAreThereAgain) {
+TEST_F(AnnotateSessionTest, KeepsPickedFramesAfterARestart) {
   options_.images.clear();
   options_.video = true;
   {
     AnnotateSession session(options_, {});
-    Video video(3);
+    TestVideo video(3);
     ScriptedHost host(session, video);
-    host.at(1, key_event('s'));
-    host.at(3, key_event('s'));
+    host.schedule(1, key_event('s'));
+    host.schedule(3, key_event('s'));
     host.run();
   }
   AnnotateSession session(options_, {});
@@ -484,11 +485,11 @@ TEST_F(AnnotateSessionTest, PickedFramesAreThereAgain) {
   EXPECT_EQ(session.state().stage(), AnnotateStage::kPick) << "where it stopped";
 }
 
-TEST_F(AnnotateSessionTest, APausedVideoStepsBothWays) {
+TEST_F(AnnotateSessionTest, StepsAPausedVideoBothWays) {
   options_.images.clear();
   options_.video = true;
   AnnotateSession session(options_, {});
-  Video video(9);
+  TestVideo video(9);
   const auto feed = [&] { return session.on_frame(*video.next({}, {}), {}); };
   for (int i = 0; i < 4; ++i) feed();
   press(session, key::kSpace);
@@ -501,7 +502,7 @@ TEST_F(AnnotateSessionTest, APausedVideoStepsBothWays) {
   EXPECT_FALSE(session.wants_frame()) << "one only";
 }
 
-TEST_F(AnnotateSessionTest, ActionsHaveDifferentNamesAndKeys) {
+TEST_F(AnnotateSessionTest, ActionNamesAndKeysAreUnique) {
   const AnnotateSession session(options_, {});
   std::set<std::string> names;
   std::set<int> keys;
@@ -512,7 +513,7 @@ TEST_F(AnnotateSessionTest, ActionsHaveDifferentNamesAndKeys) {
   }
 }
 
-TEST_F(AnnotateSessionTest, AnyKeyInAnyStageIsTaken) {
+TEST_F(AnnotateSessionTest, AcceptsAnyKeyInAnyStage) {
   AnnotateSession session(options_, {});
   four_points(session);
   std::vector<int> keys{key::kLeft, key::kRight, key::kUp,        key::kDown,
@@ -528,7 +529,7 @@ TEST_F(AnnotateSessionTest, AnyKeyInAnyStageIsTaken) {
   EXPECT_TRUE(press(session, key::kEscape).finished);
 }
 
-TEST_F(AnnotateSessionTest, ASetOfAnotherKindIsAnError) {
+TEST_F(AnnotateSessionTest, RefusesAFileOfAnotherType) {
   std::ofstream(options_.set_path) << "{\"type\": \"shape-model\"}";
   EXPECT_THROW(AnnotateSession(options_, {}), InputError);
 }

@@ -166,9 +166,9 @@ void AnnotateState::remove_point(int point) {
   TARSIER_REQUIRE(point >= 0 && point < points_, "point {} of {}", point, points_);
   for (int k = 0; k < images(); ++k) {
     AnnotatedImage& here = change(k);
-    Matrix2Xd kept(2, points_ - 1);
-    kept << here.points.leftCols(point), here.points.rightCols(points_ - 1 - point);
-    here.points = kept;
+    Matrix2Xd remaining(2, points_ - 1);
+    remaining << here.points.leftCols(point), here.points.rightCols(points_ - 1 - point);
+    here.points = remaining;
     here.is_hidden.erase(here.is_hidden.begin() + point);
     if (points_ == 1) here.done = false;
   }

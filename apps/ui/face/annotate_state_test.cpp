@@ -39,7 +39,7 @@ std::string text_of(const AnnotateState& state) {
   return state.difference(AnnotateState(), "").dump();
 }
 
-TEST(AnnotateState, PointsOfTheFirstImageAreOpenInTheOthers) {
+TEST(AnnotateState, AddsPointsWithoutPositionsToTheOtherImages) {
   AnnotateState state = four_points();
   EXPECT_EQ(state.points(), 4);
   EXPECT_TRUE(state.image(0).done);
@@ -67,7 +67,7 @@ TEST(AnnotateState, RemovingAPointRenumbersLinesAndSymmetry) {
   EXPECT_EQ(state.finished().mirror, (std::vector<int>{2, 1, 0}));
 }
 
-TEST(AnnotateState, SymmetryIsAnInvolutionWhateverIsClicked) {
+TEST(AnnotateState, ToggleMirrorKeepsAnInvolution) {
   AnnotateState state = four_points();
   state.toggle_mirror(0, 1);
   state.toggle_mirror(1, 2);  // 1 leaves 0
@@ -81,7 +81,7 @@ TEST(AnnotateState, SymmetryIsAnInvolutionWhateverIsClicked) {
   EXPECT_EQ(state.mirror()[3], -1);
 }
 
-TEST(AnnotateState, LinesAreToggledInEitherDirection) {
+TEST(AnnotateState, ToggleConnectionIgnoresTheDirection) {
   AnnotateState state = four_points();
   state.toggle_connection(2, 1);
   EXPECT_EQ(state.connections().size(), 1u);
@@ -90,7 +90,7 @@ TEST(AnnotateState, LinesAreToggledInEitherDirection) {
   EXPECT_THROW(state.toggle_connection(1, 1), std::invalid_argument);
 }
 
-TEST(AnnotateState, HiddenPointsAreMissingInTheSetAndKeepTheirPlace) {
+TEST(AnnotateState, HiddenPointsAreMissingInTheSetAndKeepTheirPosition) {
   AnnotateState state = four_points();
   state.set_points(1, square(3));
   state.hide_point(1, 2, true);
@@ -102,7 +102,7 @@ TEST(AnnotateState, HiddenPointsAreMissingInTheSetAndKeepTheirPlace) {
   EXPECT_TRUE(state.finished().samples.at(1).is_complete());
 }
 
-TEST(AnnotateState, CopiesDoNotChangeWithTheirOriginal) {
+TEST(AnnotateState, CopiesAreIndependent) {
   AnnotateState state = four_points();
   const AnnotateState before = state;
   state.move_point(0, 1, {99, 98});
@@ -111,7 +111,7 @@ TEST(AnnotateState, CopiesDoNotChangeWithTheirOriginal) {
 }
 
 // Every kind of edit, as the journal records it, and again: the same state.
-TEST(AnnotateState, RecordsRestoreEveryEditAndDoNoHarmTwice) {
+TEST(AnnotateState, RecordsRestoreEveryEditAndAreIdempotent) {
   AnnotateState state = three_images();
   AnnotateState replayed = three_images();
   std::vector<nlohmann::json> records;
@@ -144,7 +144,7 @@ TEST(AnnotateState, RecordsRestoreEveryEditAndDoNoHarmTwice) {
   EXPECT_EQ(text_of(replayed), text_of(state));
 }
 
-TEST(AnnotateState, WhatTheSetCannotHoldIsInTheRest) {
+TEST(AnnotateState, UnfinishedHoldsWhatTheSetCannot) {
   AnnotateState state = four_points();
   state.set_points(1, square(3));
   state.hide_point(1, 2, true);
@@ -158,7 +158,7 @@ TEST(AnnotateState, WhatTheSetCannotHoldIsInTheRest) {
 }
 
 // Killed when the set was written and the journal was still the old one.
-TEST(AnnotateState, AnOldJournalMayBeginWithFewerPointsThanTheSet) {
+TEST(AnnotateState, ReplaysAJournalOlderThanTheSet) {
   AnnotateState state = four_points();
   state.set_points(1, square(3));
   state.set_done(1, true);
@@ -187,7 +187,7 @@ TEST(AnnotateState, AnOldJournalMayBeginWithFewerPointsThanTheSet) {
   EXPECT_EQ(text_of(foreign), whole);
 }
 
-TEST(AnnotateState, OlderJournalsNameTheImagesPictures) {
+TEST(AnnotateState, ReadsTheFormerKeyPictures) {
   AnnotateState state = four_points();
   state.apply(
       nlohmann::json::parse(
@@ -198,7 +198,7 @@ TEST(AnnotateState, OlderJournalsNameTheImagesPictures) {
   EXPECT_TRUE(state.image(state.images() - 1).done);
 }
 
-TEST(AnnotateState, BrokenRecordsAreRefusedWhole) {
+TEST(AnnotateState, InvalidRecordsChangeNothing) {
   const AnnotateState state = four_points();
   const std::string before = text_of(state);
   for (
@@ -240,7 +240,7 @@ class AnnotateJournalTest : public ::testing::Test {
   std::string path_;
 };
 
-TEST_F(AnnotateJournalTest, ATornLastLineIsPassedOverAndCutOff) {
+TEST_F(AnnotateJournalTest, RemovesATruncatedLastLine) {
   {
     AnnotateJournal journal(path_);
     EXPECT_TRUE(journal.open().empty());
@@ -259,7 +259,7 @@ TEST_F(AnnotateJournalTest, ATornLastLineIsPassedOverAndCutOff) {
   EXPECT_EQ(records[2].at("n"), 4);
 }
 
-TEST_F(AnnotateJournalTest, ABrokenLineInTheMiddleIsAnErrorThatNamesIt) {
+TEST_F(AnnotateJournalTest, ReportsTheNumberOfAnInvalidLine) {
   append_text("{\"n\":1}\nnonsense\n{\"n\":3}\n");
   AnnotateJournal journal(path_);
   try {
@@ -270,7 +270,7 @@ TEST_F(AnnotateJournalTest, ABrokenLineInTheMiddleIsAnErrorThatNamesIt) {
   }
 }
 
-TEST_F(AnnotateJournalTest, ASecondProgramIsKeptOutAlsoAfterARestart) {
+TEST_F(AnnotateJournalTest, RefusesASecondProgramAlsoAfterARestart) {
   AnnotateJournal first(path_);
   (void)first.open();
   AnnotateJournal second(path_);
@@ -282,7 +282,7 @@ TEST_F(AnnotateJournalTest, ASecondProgramIsKeptOutAlsoAfterARestart) {
   EXPECT_EQ(first.lines(), 2);
 }
 
-TEST_F(AnnotateJournalTest, RestartWithNothingRemovesTheFile) {
+TEST_F(AnnotateJournalTest, RestartWithoutARecordRemovesTheFile) {
   AnnotateJournal journal(path_);
   (void)journal.open();
   journal.append({{"n", 1}});

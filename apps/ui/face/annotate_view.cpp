@@ -14,21 +14,21 @@
 namespace tarsier {
 namespace {
 
-const cv::Scalar kGround{38, 34, 30};
-const cv::Scalar kAgreed{80, 220, 80};
-const cv::Scalar kProposed{40, 180, 255};
-const cv::Scalar kHidden{150, 150, 150};
-const cv::Scalar kChosen{255, 255, 255};
-const cv::Scalar kLine{220, 190, 60};
-const cv::Scalar kLeft{60, 140, 255};
-const cv::Scalar kRight{255, 190, 60};
-const cv::Scalar kAxis{240, 240, 240};
-const cv::Scalar kUnsaid{200, 60, 220};
-constexpr double kNearPx = 14;         // of the view: maximum distance of a click from its point
-constexpr double kRoomForNumber = 15;  // px, minimum distance to the next point
-constexpr double kMargin = 6;          // px around a fully visible image
+const cv::Scalar kBackground{38, 34, 30};
+const cv::Scalar kAcceptedColor{80, 220, 80};
+const cv::Scalar kProposedColor{40, 180, 255};
+const cv::Scalar kHiddenColor{150, 150, 150};
+const cv::Scalar kSelectedColor{255, 255, 255};
+const cv::Scalar kLineColor{220, 190, 60};
+const cv::Scalar kLeftColor{60, 140, 255};
+const cv::Scalar kRightColor{255, 190, 60};
+const cv::Scalar kAxisColor{240, 240, 240};
+const cv::Scalar kUnpairedColor{200, 60, 220};
+constexpr double kMaxClickDistance = 14;  // of the view: maximum distance of a click from its point
+constexpr double kMinNumberSpacing = 15;  // px, minimum distance to the next point
+constexpr double kMargin = 6;             // px around a fully visible image
 constexpr double kMaxZoom = 64;
-constexpr int kMagnified = 176;       // px, side of the magnifier
+constexpr int kMagnifierSide = 176;   // px, side of the magnifier
 constexpr double kMagnification = 3;  // times the view's scale, at least 6 px per image pixel
 
 cv::Point fixed(cv::Point2d p) {
@@ -52,26 +52,26 @@ double AnnotateSession::scale() const {
 
 cv::Point2d AnnotateSession::to_view(cv::Point2d p) const {
   const double s = scale();
-  const cv::Point2d middle(0.5 * (options_.canvas.width - 1),
+  const cv::Point2d center(0.5 * (options_.canvas.width - 1),
                            0.5 * (options_.canvas.height - bar_ - 1));
   const double x = s * (p.x - center_.x);
-  return {middle.x + (mirrored_ ? -x : x), middle.y + s * (p.y - center_.y)};
+  return {center.x + (mirrored_ ? -x : x), center.y + s * (p.y - center_.y)};
 }
 
 cv::Point2d AnnotateSession::to_image(cv::Point2d v) const {
   const double s = scale();
-  const cv::Point2d middle(0.5 * (options_.canvas.width - 1),
+  const cv::Point2d center(0.5 * (options_.canvas.width - 1),
                            0.5 * (options_.canvas.height - bar_ - 1));
-  const double x = (v.x - middle.x) / s;
-  return {center_.x + (mirrored_ ? -x : x), center_.y + (v.y - middle.y) / s};
+  const double x = (v.x - center.x) / s;
+  return {center_.x + (mirrored_ ? -x : x), center_.y + (v.y - center.y) / s};
 }
 
 int AnnotateSession::point_near(cv::Point2d in_view) const {
   int best = -1;
-  double nearest = kNearPx;
-  for (int i = 0; i < static_cast<int>(places_.cols()); ++i) {
-    if (places_.col(i).hasNaN()) continue;
-    const double distance = cv::norm(to_view({places_(0, i), places_(1, i)}) - in_view);
+  double nearest = kMaxClickDistance;
+  for (int i = 0; i < static_cast<int>(positions_.cols()); ++i) {
+    if (positions_.col(i).hasNaN()) continue;
+    const double distance = cv::norm(to_view({positions_(0, i), positions_(1, i)}) - in_view);
     if (distance > nearest) continue;
     nearest = distance;
     best = i;
@@ -87,7 +87,7 @@ void AnnotateSession::zoom(double factor, cv::Point2d around) {
   if (zoom_ <= 1 && !image.empty()) center_ = {0.5 * (image.cols - 1), 0.5 * (image.rows - 1)};
 }
 
-std::string AnnotateSession::where() const {
+std::string AnnotateSession::progress_text() const {
   if (state_.stage() == AnnotateStage::kPick)
     return fmt::format("{:.1f} s, {} picked  ?: help", frame_.time, state_.images());
   if (state_.images() == 0) return "?: help";
@@ -96,29 +96,30 @@ std::string AnnotateSession::where() const {
 
 // Zooms to all points, with some margin.
 void AnnotateSession::zoom_to_points() {
-  cv::Point2d least(1e9, 1e9);
-  cv::Point2d most(-1e9, -1e9);
-  for (Eigen::Index i = 0; i < places_.cols(); ++i) {
-    if (places_.col(i).hasNaN()) continue;
-    least = {std::min(least.x, places_(0, i)), std::min(least.y, places_(1, i))};
-    most = {std::max(most.x, places_(0, i)), std::max(most.y, places_(1, i))};
+  cv::Point2d low(1e9, 1e9);
+  cv::Point2d high(-1e9, -1e9);
+  for (Eigen::Index i = 0; i < positions_.cols(); ++i) {
+    if (positions_.col(i).hasNaN()) continue;
+    low = {std::min(low.x, positions_(0, i)), std::min(low.y, positions_(1, i))};
+    high = {std::max(high.x, positions_(0, i)), std::max(high.y, positions_(1, i))};
   }
-  if (most.x < least.x || state_.stage() == AnnotateStage::kPick || image_.empty()) return;
+  if (high.x < low.x || state_.stage() == AnnotateStage::kPick || image_.empty()) return;
   const double whole = scale() / zoom_;
-  const double wanted = std::min(options_.canvas.width / (1.3 * (most.x - least.x) + 20),
-                                 (options_.canvas.height - bar_) / (1.3 * (most.y - least.y) + 20));
-  zoom_ = std::clamp(wanted / whole, 1.0, kMaxZoom);
-  center_ = 0.5 * (least + most);
+  const double fitting_zoom =
+      std::min(options_.canvas.width / (1.3 * (high.x - low.x) + 20),
+               (options_.canvas.height - bar_) / (1.3 * (high.y - low.y) + 20));
+  zoom_ = std::clamp(fitting_zoom / whole, 1.0, kMaxZoom);
+  center_ = 0.5 * (low + high);
 }
 
 // The instruction, in one line.
-std::string AnnotateSession::what_to_do() const {
+std::string AnnotateSession::instruction() const {
   if (!message_.empty()) return message_;
   if (is_learning_)
     return state_.done() < 3 ? "Looking for the points..."
                              : fmt::format("Learning from {} images...", state_.done());
-  if (!unreadable_.empty() && state_.stage() != AnnotateStage::kPick)
-    return unreadable_ + " (n: the next)";
+  if (!read_error_.empty() && state_.stage() != AnnotateStage::kPick)
+    return read_error_ + " (n: the next)";
   switch (state_.stage()) {
     case AnnotateStage::kPick:
       if (is_video_over_)
@@ -162,17 +163,17 @@ std::string AnnotateSession::what_to_do() const {
 void AnnotateSession::draw_points() {
   const AnnotatedImage& here = state_.image(current_);
   const bool is_symmetry = state_.stage() == AnnotateStage::kSymmetry;
-  const auto count = static_cast<int>(places_.cols());
-  const auto place = [&](int i) { return to_view({places_(0, i), places_(1, i)}); };
+  const auto count = static_cast<int>(positions_.cols());
+  const auto position = [&](int i) { return to_view({positions_(0, i), positions_(1, i)}); };
   const auto is_seen = [&](int i) {
-    return i < count && here.is_shown(i) && !places_.col(i).hasNaN();
+    return i < count && here.is_shown(i) && !positions_.col(i).hasNaN();
   };
   // Distance to the nearest point: dots and numbers need space.
   std::vector<double> room(static_cast<std::size_t>(count), 1e9);
   for (int i = 0; i < count && count <= 500; ++i) {
     for (int k = 0; k < i; ++k) {
-      if (places_.col(i).hasNaN() || places_.col(k).hasNaN()) continue;
-      const double distance = scale() * (places_.col(i) - places_.col(k)).norm();
+      if (positions_.col(i).hasNaN() || positions_.col(k).hasNaN()) continue;
+      const double distance = scale() * (positions_.col(i) - positions_.col(k)).norm();
       for (const int end : {i, k})
         room[static_cast<std::size_t>(end)] =
             std::min(room[static_cast<std::size_t>(end)], distance);
@@ -184,38 +185,42 @@ void AnnotateSession::draw_points() {
   if (lines_) {
     for (const auto& line : state_.connections()) {
       if (!is_seen(line[0]) || !is_seen(line[1])) continue;
-      cv::line(shown_, fixed(place(line[0])), fixed(place(line[1])), kLine, 1, cv::LINE_AA, 4);
+      cv::line(shown_, fixed(position(line[0])), fixed(position(line[1])), kLineColor, 1,
+               cv::LINE_AA, 4);
     }
   }
   if (is_symmetry) {
     for (int i = 0; i < count; ++i) {
       const int other = state_.mirror()[static_cast<std::size_t>(i)];
       if (other > i && is_seen(i) && is_seen(other))
-        cv::line(shown_, fixed(place(i)), fixed(place(other)), kAxis, 1, cv::LINE_AA, 4);
+        cv::line(shown_, fixed(position(i)), fixed(position(other)), kAxisColor, 1, cv::LINE_AA, 4);
     }
   }
   for (int i = 0; i < count; ++i) {
-    if (places_.col(i).hasNaN()) continue;
-    const cv::Point2d at = place(i);
+    if (positions_.col(i).hasNaN()) continue;
+    const cv::Point2d at = position(i);
     const double space = room[static_cast<std::size_t>(i)];
     const double radius = std::clamp(0.3 * space, 2.0, largest);
     if (at.x < -50 || at.y < -50 || at.x > shown_.cols + 50 || at.y > shown_.rows + 50) continue;
-    cv::Scalar color = here.done ? kAgreed : kProposed;
+    cv::Scalar color = here.done ? kAcceptedColor : kProposedColor;
     const int other = state_.mirror()[static_cast<std::size_t>(i)];
     if (is_symmetry) {
-      color = other < 0 ? kUnsaid : other == i ? kAxis : other > i ? kLeft : kRight;
+      color = other < 0    ? kUnpairedColor
+              : other == i ? kAxisColor
+              : other > i  ? kLeftColor
+                           : kRightColor;
     }
     if (is_seen(i)) {
       image::draw::point(shown_, at, color, radius);
     } else {
-      image::draw::cross(shown_, at, kHidden, radius * 1.6);
+      image::draw::cross(shown_, at, kHiddenColor, radius * 1.6);
     }
     if (i == selected_)
-      cv::circle(shown_, fixed(at), cvRound(radius * 2.2 * 16), kChosen, 2, cv::LINE_AA, 4);
-    if (numbers_ && (i == selected_ || space >= kRoomForNumber)) {
+      cv::circle(shown_, fixed(at), cvRound(radius * 2.2 * 16), kSelectedColor, 2, cv::LINE_AA, 4);
+    if (numbers_ && (i == selected_ || space >= kMinNumberSpacing)) {
       image::draw::TextStyle style;
       style.height_px = std::clamp(largest * 2.2, 7.0, 14.0);
-      style.color = i == selected_ ? kChosen : is_seen(i) ? color : kHidden;
+      style.color = i == selected_ ? kSelectedColor : is_seen(i) ? color : kHiddenColor;
       image::draw::put_text(shown_, std::to_string(i),
                             {cvRound(at.x + radius + 1), cvRound(at.y - radius)}, style,
                             image::draw::Anchor::kBottomLeft);
@@ -226,29 +231,30 @@ void AnnotateSession::draw_points() {
 // Enlarges the area below the pointer (or around the selected point while arrows move it).
 void AnnotateSession::draw_magnifier() {
   const cv::Mat& image = shown_image();
-  cv::Point2d middle = to_image(mouse_);
+  cv::Point2d center = to_image(mouse_);
   cv::Point2d in_view = mouse_;
   if (drag_ == Drag::kPoint || (mouse_.x < 0 && selected_ >= 0)) {
-    if (selected_ < 0 || places_.col(selected_).hasNaN()) return;
-    middle = {places_(0, selected_), places_(1, selected_)};
-    in_view = to_view(middle);
+    if (selected_ < 0 || positions_.col(selected_).hasNaN()) return;
+    center = {positions_(0, selected_), positions_(1, selected_)};
+    in_view = to_view(center);
   }
-  if (middle.x < 0 || middle.y < 0 || middle.x > image.cols - 1 || middle.y > image.rows - 1)
+  if (center.x < 0 || center.y < 0 || center.x > image.cols - 1 || center.y > image.rows - 1)
     return;
   const double times = std::max(6.0, kMagnification * scale());
-  const double half = 0.5 * (kMagnified - 1);
+  const double half = 0.5 * (kMagnifierSide - 1);
   const double sign = mirrored_ ? -1 : 1;
-  const cv::Mat map = (cv::Mat_<double>(2, 3) << sign * times, 0, half - sign * times * middle.x, 0,
-                       times, half - times * middle.y);
+  const cv::Mat map = (cv::Mat_<double>(2, 3) << sign * times, 0, half - sign * times * center.x, 0,
+                       times, half - times * center.y);
   cv::Mat large;
-  cv::warpAffine(image, large, map, {kMagnified, kMagnified}, cv::INTER_LINEAR, cv::BORDER_CONSTANT,
-                 kGround);
-  for (int i = 0; i < static_cast<int>(places_.cols()); ++i) {
-    if (state_.stage() == AnnotateStage::kPick || places_.col(i).hasNaN()) continue;
-    const cv::Point2d at(half + sign * times * (places_(0, i) - middle.x),
-                         half + times * (places_(1, i) - middle.y));
-    if (at.x < 0 || at.y < 0 || at.x >= kMagnified || at.y >= kMagnified) continue;
-    cv::circle(large, fixed(at), 3 * 16, i == selected_ ? kChosen : kProposed, 1, cv::LINE_AA, 4);
+  cv::warpAffine(image, large, map, {kMagnifierSide, kMagnifierSide}, cv::INTER_LINEAR,
+                 cv::BORDER_CONSTANT, kBackground);
+  for (int i = 0; i < static_cast<int>(positions_.cols()); ++i) {
+    if (state_.stage() == AnnotateStage::kPick || positions_.col(i).hasNaN()) continue;
+    const cv::Point2d at(half + sign * times * (positions_(0, i) - center.x),
+                         half + times * (positions_(1, i) - center.y));
+    if (at.x < 0 || at.y < 0 || at.x >= kMagnifierSide || at.y >= kMagnifierSide) continue;
+    cv::circle(large, fixed(at), 3 * 16, i == selected_ ? kSelectedColor : kProposedColor, 1,
+               cv::LINE_AA, 4);
   }
   // A cross with a free centre.
   for (const double side : {-1.0, 1.0}) {
@@ -256,20 +262,20 @@ void AnnotateSession::draw_magnifier() {
       const cv::Point2d from(half + (upright ? 0 : side * 5), half + (upright ? side * 5 : 0));
       const cv::Point2d to(half + (upright ? 0 : side * 22), half + (upright ? side * 22 : 0));
       cv::line(large, fixed(from), fixed(to), {0, 0, 0}, 3, cv::LINE_AA, 4);
-      cv::line(large, fixed(from), fixed(to), kChosen, 1, cv::LINE_AA, 4);
+      cv::line(large, fixed(from), fixed(to), kSelectedColor, 1, cv::LINE_AA, 4);
     }
   }
-  const int side = std::min({kMagnified, shown_.cols / 3, shown_.rows / 3});
-  if (side < kMagnified) cv::resize(large, large, {side, side}, 0, 0, cv::INTER_AREA);
+  const int side = std::min({kMagnifierSide, shown_.cols / 3, shown_.rows / 3});
+  if (side < kMagnifierSide) cv::resize(large, large, {side, side}, 0, 0, cv::INTER_AREA);
   const bool is_in_the_way = in_view.x > shown_.cols - side - 60 && in_view.y < side + 60;
   const cv::Rect area(is_in_the_way ? 8 : shown_.cols - side - 8, 8, side, side);
   large.copyTo(shown_(area));
-  cv::rectangle(shown_, area, kChosen, 1);
+  cv::rectangle(shown_, area, kSelectedColor, 1);
 }
 
 void AnnotateSession::draw() {
   shown_.create(options_.canvas, CV_8UC3);
-  shown_.setTo(kGround);
+  shown_.setTo(kBackground);
   const cv::Mat& image = shown_image();
   if (!image.empty()) {
     if (image.size() != fitted_) {
@@ -291,9 +297,9 @@ void AnnotateSession::draw() {
         cv::resize(image(cv::Rect({0, 0}, size * k)), reduced_, size, 0, 0, cv::INTER_AREA);
       }
     }
-    const cv::Point2d middle = to_view({0.5 * (k - 1), 0.5 * (k - 1)});  // of a reduced pixel
+    const cv::Point2d center = to_view({0.5 * (k - 1), 0.5 * (k - 1)});  // of a reduced pixel
     const cv::Mat map =
-        (cv::Mat_<double>(2, 3) << (mirrored_ ? -s : s) * k, 0, middle.x, 0, s * k, middle.y);
+        (cv::Mat_<double>(2, 3) << (mirrored_ ? -s : s) * k, 0, center.x, 0, s * k, center.y);
     cv::warpAffine(reduced_, shown_, map, shown_.size(),
                    s > 12 ? cv::INTER_NEAREST : cv::INTER_LINEAR, cv::BORDER_TRANSPARENT);
     if (state_.stage() != AnnotateStage::kPick && state_.images() > 0) draw_points();
@@ -308,8 +314,8 @@ void AnnotateSession::draw() {
   if (mirrored_) name += " (mirrored)";
   if (!name.empty()) image::draw::put_text(shown_, name, {8, 8}, title);
   // The bar has its own background, without image content behind it.
-  shown_(cv::Rect(0, shown_.rows - bar_, shown_.cols, bar_)).setTo(kGround);
-  image::draw::status_bar(shown_, what_to_do(), where());
+  shown_(cv::Rect(0, shown_.rows - bar_, shown_.cols, bar_)).setTo(kBackground);
+  image::draw::status_bar(shown_, instruction(), progress_text());
   if (!controls_.help() || !draws_status()) return;
   draw_help(shown_, "Annotation", actions(),
             {{"left mouse", "add, choose, drag; shift: drag all points"},
@@ -321,20 +327,20 @@ View AnnotateSession::view() {
   draw();
   View result;
   result.image = shown_;
-  result.status = what_to_do();
+  result.status = instruction();
   result.finished = controls_.finished();
   int seen = 0;
   std::string path;
   bool agreed = false;
-  nlohmann::json places = nlohmann::json::array();
+  nlohmann::json positions = nlohmann::json::array();
   if (state_.images() > 0) {
     const AnnotatedImage& here = state_.image(current_);
     for (int i = 0; i < state_.points(); ++i) {
       seen += here.is_shown(i) ? 1 : 0;
-      places.push_back(nullptr);
-      if (here.is_shown(i) && i < places_.cols() && !places_.col(i).hasNaN())
-        places.back() = {std::round(places_(0, i) * 100) / 100,
-                         std::round(places_(1, i) * 100) / 100};
+      positions.push_back(nullptr);
+      if (here.is_shown(i) && i < positions_.cols() && !positions_.col(i).hasNaN())
+        positions.back() = {std::round(positions_(0, i) * 100) / 100,
+                            std::round(positions_(1, i) * 100) / 100};
     }
     path = here.path;
     agreed = here.done;
@@ -345,7 +351,7 @@ View AnnotateSession::view() {
                   {"done", state_.done()},
                   {"points", state_.points()},
                   {"shown", seen},
-                  {"places", std::move(places)},
+                  {"places", std::move(positions)},
                   {"selected", selected_},
                   {"agreed", agreed},
                   {"learning", is_learning_},

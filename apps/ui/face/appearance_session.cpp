@@ -15,12 +15,12 @@ namespace tarsier {
 
 namespace {
 
-constexpr NameTable<AppearanceSession::Drawn, 4> kDrawn{
+constexpr NameTable<AppearanceSession::Overlay, 4> kOverlays{
     "drawing",
-    {{{AppearanceSession::Drawn::kMesh, "mesh"},
-      {AppearanceSession::Drawn::kFace, "face"},
-      {AppearanceSession::Drawn::kPoints, "points"},
-      {AppearanceSession::Drawn::kNothing, "nothing"}}}};
+    {{{AppearanceSession::Overlay::kMesh, "mesh"},
+      {AppearanceSession::Overlay::kFace, "face"},
+      {AppearanceSession::Overlay::kPoints, "points"},
+      {AppearanceSession::Overlay::kNothing, "nothing"}}}};
 
 constexpr double kErrorShare = 0.5;  // maximum share of the image's width for the error image
 
@@ -30,30 +30,30 @@ double width_of(const Eigen::Matrix2Xd& points) {
 
 }  // namespace
 
-std::string_view name_of(AppearanceSession::Drawn drawn) { return kDrawn.name(drawn); }
+std::string_view name_of(AppearanceSession::Overlay overlay) { return kOverlays.name(overlay); }
 
-AppearanceSession::AppearanceSession(face::AppearanceTracker tracker, Drawn drawn, DebugSink* debug,
-                                     face::AppearanceState state)
+AppearanceSession::AppearanceSession(face::AppearanceTracker tracker, Overlay overlay,
+                                     DebugSink* debug, face::AppearanceState state)
     : FrameSession("Appearance model"),
       tracker_(std::move(tracker)),
       debug_(debug),
       state_(std::move(state)),
-      drawn_(drawn) {
+      overlay_(overlay) {
   const face::appearance::AppearanceModel& model = tracker_.model();
   if (model.colour || face::appearance::has_offset(model.levels.front().channels))
     synthesis_.emplace(model);
-  if (!synthesis_ && drawn_ == Drawn::kFace) drawn_ = Drawn::kMesh;
+  if (!synthesis_ && overlay_ == Overlay::kFace) overlay_ = Overlay::kMesh;
 }
 
 void AppearanceSession::process(const Frame& frame) { objects_ = tracker_.process(frame, state_); }
 
 bool AppearanceSession::act(const std::string& name) {
   if (name == "redetect") face::redetect(state_);
-  if (name == "errors") errors_ = !errors_;
+  if (name == "errors") shows_error_ = !shows_error_;
   if (name == "view") {
     do {
-      drawn_ = static_cast<Drawn>((static_cast<int>(drawn_) + 1) % 4);
-    } while (drawn_ == Drawn::kFace && !synthesis_);
+      overlay_ = static_cast<Overlay>((static_cast<int>(overlay_) + 1) % 4);
+    } while (overlay_ == Overlay::kFace && !synthesis_);
   }
   return name == "view" || name == "errors";
 }
@@ -64,28 +64,28 @@ std::vector<Action> AppearanceSession::own_actions() const {
           {"redetect", "look for faces again", 'd'}};
 }
 
-void AppearanceSession::draw_object(const Eigen::Matrix2Xd& points, Drawn drawn,
+void AppearanceSession::draw_object(const Eigen::Matrix2Xd& points, Overlay overlay,
                                     cv::Mat& image) const {
-  if (drawn == Drawn::kMesh) face::appearance::draw_mesh(tracker_.model(), points, image);
-  if (drawn == Drawn::kPoints) {
+  if (overlay == Overlay::kMesh) face::appearance::draw_mesh(tracker_.model(), points, image);
+  if (overlay == Overlay::kPoints) {
     const double radius = std::clamp(width_of(points) / 90, 0.7, 6.0);
     for (Eigen::Index i = 0; i < points.cols(); ++i)
       image::draw::point(image, {points(0, i), points(1, i)}, {80, 220, 255}, radius);
   }
-  if (drawn == Drawn::kFace) {
+  if (overlay == Overlay::kFace) {
     const face::appearance::TextureFit seen = synthesis_->fit_texture(frame(), points);
     synthesis_->draw(seen.c, seen.offset, seen.gain, points, image);
   }
 }
 
-void AppearanceSession::processed() {
+void AppearanceSession::on_processed() {
   if (watched(debug_) == nullptr) return;
-  for (const Drawn drawn : {Drawn::kMesh, Drawn::kFace}) {
-    if (drawn == Drawn::kFace && !synthesis_) continue;
+  for (const Overlay overlay : {Overlay::kMesh, Overlay::kFace}) {
+    if (overlay == Overlay::kFace && !synthesis_) continue;
     cv::Mat shown = frame().clone();
     for (const face::appearance::TrackedObject& object : objects_)
-      draw_object(object.fit.points, drawn, shown);
-    debug_->image(name_of(drawn), shown);
+      draw_object(object.fit.points, overlay, shown);
+    debug_->image(name_of(overlay), shown);
   }
   for (const face::appearance::TrackedObject& object : objects_)
     debug_->image(fmt::format("texture of {}", object.id),
@@ -95,7 +95,7 @@ void AppearanceSession::processed() {
 void AppearanceSession::draw(cv::Mat& image) {
   for (const face::appearance::TrackedObject& object : objects_) {
     const Eigen::Matrix2Xd& points = object.fit.points;
-    draw_object(points, drawn_, image);
+    draw_object(points, overlay_, image);
     if (still()) continue;
     image::draw::TextStyle text;
     text.height_px = std::clamp(width_of(points) * 0.07, 8.0, 30.0);
@@ -103,7 +103,7 @@ void AppearanceSession::draw(cv::Mat& image) {
                           {cvRound(points.row(0).minCoeff()), cvRound(points.row(1).minCoeff())},
                           text, image::draw::Anchor::kBottomLeft);
   }
-  if (!errors_ || objects_.empty()) return;
+  if (!shows_error_ || objects_.empty()) return;
   cv::Mat error =
       face::appearance::draw_error(tracker_.model(), frame(), objects_.front().fit.points);
   const double scale =
@@ -118,11 +118,11 @@ nlohmann::json AppearanceSession::state() const {
   return {{"faces", objects_.size()},
           {"ids", std::move(ids)},
           {"error", objects_.empty() ? 1 : objects_.front().fit.error},
-          {"drawn", name_of(drawn_)}};
+          {"drawn", name_of(overlay_)}};
 }
 
 std::string AppearanceSession::status() const {
-  return counted(objects_.size(), "face") +
+  return count_text(objects_.size(), "face") +
          (objects_.empty() ? "" : fmt::format("  error {:.2f}", objects_.front().fit.error));
 }
 

@@ -18,25 +18,25 @@ namespace tarsier {
 // {"faces": number, "ids": [..], "error", "drawn", "paused"}.
 class AppearanceSession final : public FrameSession {
  public:
-  enum class Drawn { kMesh, kFace, kPoints, kNothing };
+  enum class Overlay { kMesh, kFace, kPoints, kNothing };
 
   // `debug` may be null and must outlive the session. It receives the meshes, the model's faces
   // over the image, and for each object its texture, the model's texture and their difference.
   // `state` may have other start methods than the tracker's.
-  AppearanceSession(face::AppearanceTracker tracker, Drawn drawn, DebugSink* debug = nullptr,
+  AppearanceSession(face::AppearanceTracker tracker, Overlay overlay, DebugSink* debug = nullptr,
                     face::AppearanceState state = {});
 
   // The objects of the latest frame.
   [[nodiscard]] const std::vector<face::appearance::TrackedObject>& objects() const {
     return objects_;
   }
-  [[nodiscard]] bool follows() const { return !still(); }
+  [[nodiscard]] bool is_tracking() const { return !still(); }
 
  private:
   void process(const Frame& frame) override;
-  void processed() override;
+  void on_processed() override;
   void draw(cv::Mat& image) override;
-  void draw_object(const Eigen::Matrix2Xd& points, Drawn drawn, cv::Mat& image) const;
+  void draw_object(const Eigen::Matrix2Xd& points, Overlay overlay, cv::Mat& image) const;
   [[nodiscard]] nlohmann::json state() const override;
   [[nodiscard]] std::string status() const override;
   [[nodiscard]] std::vector<Action> own_actions() const override;
@@ -47,10 +47,10 @@ class AppearanceSession final : public FrameSession {
   std::optional<face::appearance::Synthesis> synthesis_;  // if the model can be drawn
   face::AppearanceState state_;
   std::vector<face::appearance::TrackedObject> objects_;
-  Drawn drawn_ = Drawn::kMesh;
-  bool errors_ = false;
+  Overlay overlay_ = Overlay::kMesh;
+  bool shows_error_ = false;
 };
 
-[[nodiscard]] std::string_view name_of(AppearanceSession::Drawn drawn);
+[[nodiscard]] std::string_view name_of(AppearanceSession::Overlay overlay);
 
 }  // namespace tarsier

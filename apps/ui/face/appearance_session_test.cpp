@@ -44,7 +44,7 @@ class AppearanceSessionTest : public ::testing::Test {
       return std::vector<std::vector<Eigen::Matrix2Xd>>{
           {face::shape::fit_similarity(mean, unseen_.points)(mean)}};
     };
-    return {tracker(), AppearanceSession::Drawn::kMesh, nullptr, std::move(state)};
+    return {tracker(), AppearanceSession::Overlay::kMesh, nullptr, std::move(state)};
   }
 
   face::appearance::TrainingImage unseen_ = face::appearance::testing::portraits(1, 33)[0];
@@ -60,7 +60,7 @@ TEST_F(AppearanceSessionTest, FitsAndDraws) {
   EXPECT_GT(cv::norm(view.output, unseen_.image, cv::NORM_L1), 0);
 }
 
-TEST_F(AppearanceSessionTest, ViewsFollowOneAnother) {
+TEST_F(AppearanceSessionTest, KeySwitchesWhatIsDrawn) {
   AppearanceSession session = this->session();
   (void)session.on_frame(frame_, {});
   std::vector<std::string> drawn;
@@ -74,13 +74,13 @@ TEST_F(AppearanceSessionTest, ViewsFollowOneAnother) {
   EXPECT_EQ(drawn, (std::vector<std::string>{"face", "points", "nothing", "mesh"}));
 }
 
-TEST_F(AppearanceSessionTest, AVideoIsFollowedAndNumbered) {
+TEST_F(AppearanceSessionTest, TracksObjectsInVideos) {
   AppearanceSession session = this->session();
   frame_.still = false;
   (void)session.on_frame(frame_, {});
   frame_.time = 0.04;
   const View view = session.on_frame(frame_, {});
-  EXPECT_TRUE(session.follows());
+  EXPECT_TRUE(session.is_tracking());
   EXPECT_EQ(view.state["ids"], nlohmann::json::array({1}));
   EXPECT_FALSE(session.on_event(key_event('h')).finished);
   EXPECT_TRUE(session.on_event(key_event(key::kEscape)).finished);

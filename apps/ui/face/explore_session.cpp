@@ -18,18 +18,18 @@ namespace tarsier {
 namespace {
 
 constexpr double kMaxSigmas = 3;
-constexpr double kStep = 0.1;      // of a slider
-constexpr double kKeyStep = 0.25;  // per key press
-constexpr int kSliders = 4;        // for shape and for look, if the sliders are below the image
+constexpr double kStep = 0.1;        // of a slider
+constexpr double kKeyStep = 0.25;    // per key press
+constexpr int kMaxShownSliders = 4;  // for shape and for look, if the sliders are below the image
 constexpr double kRandomSpread = 0.7;
 const cv::Size kPortrait(560, 560);
-constexpr int kLongest = 900;  // px, larger images are reduced
-constexpr int kBarRoom = 40;   // px, for the status
+constexpr int kMaxImageSide = 900;  // px, larger images are reduced
+constexpr int kStatusHeight = 40;   // px, for the status
 const cv::Scalar kBackground(38, 34, 30);
 
 // Adds space for the status below.
 cv::Mat framed(const cv::Mat& image) {
-  cv::Mat whole(image.rows + kBarRoom, image.cols, CV_8UC3, kBackground);
+  cv::Mat whole(image.rows + kStatusHeight, image.cols, CV_8UC3, kBackground);
   image.copyTo(whole(cv::Rect(0, 0, image.cols, image.rows)));
   return whole;
 }
@@ -44,28 +44,28 @@ ExploreSession::ExploreSession(const face::appearance::AppearanceModel& model,
       synthesis_(model),
       base_(std::move(image)),
       shape_(Eigen::VectorXd::Zero(model.shape.mode_count())),
-      look_(Eigen::VectorXd::Zero(synthesis_.texture().mode_count())),
+      appearance_(Eigen::VectorXd::Zero(synthesis_.texture().mode_count())),
       seed_(seed) {
   if (!base_) return;
   TARSIER_REQUIRE(base_->points.cols() == model.points(), "{} points, the model has {}",
                   base_->points.cols(), model.points());
   const int longest = std::max(base_->image.cols, base_->image.rows);
-  if (longest > kLongest) {
-    const double scale = static_cast<double>(kLongest) / longest;
+  if (longest > kMaxImageSide) {
+    const double scale = static_cast<double>(kMaxImageSide) / longest;
     cv::Mat reduced;
     cv::resize(base_->image, reduced, {}, scale, scale, cv::INTER_AREA);
     base_->image = reduced;
     base_->points = ((base_->points.array() + 0.5) * scale - 0.5).matrix();
   }
-  placed_ = face::shape::fit_shape(model.shape, base_->points);
-  seen_ = synthesis_.fit_texture(base_->image, base_->points);
-  over_ = true;
-  take_from_image();
+  image_shape_ = face::shape::fit_shape(model.shape, base_->points);
+  image_appearance_ = synthesis_.fit_texture(base_->image, base_->points);
+  over_image_ = true;
+  reset_to_image();
 }
 
-void ExploreSession::take_from_image() {
-  shape_ = placed_.b.cwiseQuotient(model_.shape.deviation);
-  look_ = seen_.c.cwiseQuotient(synthesis_.texture().deviation);
+void ExploreSession::reset_to_image() {
+  shape_ = image_shape_.b.cwiseQuotient(model_.shape.deviation);
+  appearance_ = image_appearance_.c.cwiseQuotient(synthesis_.texture().deviation);
 }
 
 double* ExploreSession::value_of(const std::string& name) {
@@ -75,7 +75,7 @@ double* ExploreSession::value_of(const std::string& name) {
   const char* end = name.data() + name.size();
   if (std::from_chars(name.data() + space + 1, end, number).ptr != end) return nullptr;
   const std::string kind = name.substr(0, space);
-  Eigen::VectorXd* values = kind == "shape" ? &shape_ : kind == "look" ? &look_ : nullptr;
+  Eigen::VectorXd* values = kind == "shape" ? &shape_ : kind == "look" ? &appearance_ : nullptr;
   if (values == nullptr || number < 1 || number > values->size()) return nullptr;
   return values->data() + (number - 1);
 }
@@ -93,19 +93,19 @@ View ExploreSession::on_event(const Event& event) {
     return view();
   }
   const std::string name = action_of(event, actions());
-  const int modes = static_cast<int>(shape_.size() + look_.size());
+  const int modes = static_cast<int>(shape_.size() + appearance_.size());
   if (name == "mean") {
     shape_.setZero();
-    look_.setZero();
+    appearance_.setZero();
   }
   if (name == "random") {
     const face::appearance::RandomFace face =
         face::appearance::random_face(model_, synthesis_.texture(), seed_++, kRandomSpread);
     shape_ = face.b.cwiseQuotient(model_.shape.deviation);
-    look_ = face.c.cwiseQuotient(synthesis_.texture().deviation);
+    appearance_ = face.c.cwiseQuotient(synthesis_.texture().deviation);
   }
-  if (name == "image" && base_) take_from_image();
-  if (name == "over" && base_) over_ = !over_;
+  if (name == "image" && base_) reset_to_image();
+  if (name == "over" && base_) over_image_ = !over_image_;
   if (name == "mesh") mesh_ = !mesh_;
   if ((name == "next" || name == "previous") && modes > 0)
     mode_ = (mode_ + (name == "next" ? 1 : modes - 1)) % modes;
@@ -129,14 +129,15 @@ std::vector<Action> ExploreSession::actions() const {
   list.push_back({"previous", "the previous mode", 'p'});
   list.push_back({"more", "more of the mode (1/4 deviation)", '+'});
   list.push_back({"less", "less of the mode", '-'});
-  return controls_.after(std::move(list));
+  return controls_.append_to(std::move(list));
 }
 
 std::vector<Slider> ExploreSession::sliders() const {
   std::vector<Slider> list;
-  for (const auto& [kind, values] : {std::pair{"shape", &shape_}, std::pair{"look", &look_}}) {
+  for (const auto& [kind, values] :
+       {std::pair{"shape", &shape_}, std::pair{"look", &appearance_}}) {
     const int all = static_cast<int>(values->size());
-    for (int k = 0; k < (draws_status() ? std::min(kSliders, all) : all); ++k)
+    for (int k = 0; k < (draws_status() ? std::min(kMaxShownSliders, all) : all); ++k)
       list.push_back(
           {fmt::format("{} {}", kind, k + 1), -kMaxSigmas, kMaxSigmas, kStep, (*values)[k]});
   }
@@ -145,13 +146,13 @@ std::vector<Slider> ExploreSession::sliders() const {
 
 cv::Mat ExploreSession::image() const {
   const Eigen::VectorXd b = shape_.cwiseProduct(model_.shape.deviation);
-  const Eigen::VectorXd c = look_.cwiseProduct(synthesis_.texture().deviation);
+  const Eigen::VectorXd c = appearance_.cwiseProduct(synthesis_.texture().deviation);
   cv::Mat image;
   Eigen::Matrix2Xd points;
-  if (over_) {
+  if (over_image_) {
     image = base_->image.clone();
-    points = placed_.image_from_model(face::shape::shape_of(model_.shape, b));
-    synthesis_.draw(c, seen_.offset, seen_.gain, points, image);
+    points = image_shape_.image_from_model(face::shape::shape_of(model_.shape, b));
+    synthesis_.draw(c, image_appearance_.offset, image_appearance_.gain, points, image);
   } else {
     image = synthesis_.portrait(b, c, kPortrait, &points);
   }
@@ -166,7 +167,7 @@ View ExploreSession::view() {
   const std::string name = mode_name();
   const double* value = value_of(name);
   result.status = fmt::format("{}: {:+.2f} deviations; {} shape modes, {} of the look", name,
-                              value != nullptr ? *value : 0.0, shape_.size(), look_.size());
+                              value != nullptr ? *value : 0.0, shape_.size(), appearance_.size());
   if (draws_status()) {
     image::draw::status_bar(shown_, result.status, "h: help");
     if (controls_.help()) draw_help(shown_, "Appearance model", actions());
@@ -174,16 +175,16 @@ View ExploreSession::view() {
   result.image = shown_;
   result.finished = controls_.finished();
   result.state = {{"shape", numbers(shape_)},
-                  {"look", numbers(look_)},
+                  {"look", numbers(appearance_)},
                   {"mode", name},
-                  {"over", over_},
+                  {"over", over_image_},
                   {"mesh", mesh_},
                   {"help", controls_.help()}};
   return result;
 }
 
-ShapePlayground::ShapePlayground(face::shape::ShapeModel model,
-                                 const std::vector<Eigen::Matrix2Xd>& shapes)
+ShapeSpaceSession::ShapeSpaceSession(face::shape::ShapeModel model,
+                                     const std::vector<Eigen::Matrix2Xd>& shapes)
     : model_(std::move(model)), sigmas_(Eigen::VectorXd::Zero(model_.mode_count())) {
   for (const Eigen::Matrix2Xd& points : shapes) {
     aligned_.push_back(face::shape::fit_similarity(points, model_.mean)(points));
@@ -192,7 +193,7 @@ ShapePlayground::ShapePlayground(face::shape::ShapeModel model,
   }
 }
 
-View ShapePlayground::on_event(const Event& event) {
+View ShapeSpaceSession::on_event(const Event& event) {
   if (event.kind == Event::Kind::kSlider) {
     for (Eigen::Index k = 0; k < std::min<Eigen::Index>(2, sigmas_.size()); ++k) {
       if (event.name == fmt::format("mode {}", k + 1))
@@ -202,24 +203,24 @@ View ShapePlayground::on_event(const Event& event) {
   }
   const std::string name = action_of(event, actions());
   if (name == "mean") sigmas_.setZero();
-  if (name == "training") training_ = !training_;
+  if (name == "training") shows_training_shapes_ = !shows_training_shapes_;
   controls_.act(name);
   return view();
 }
 
-std::vector<Action> ShapePlayground::actions() const {
-  return controls_.after(
+std::vector<Action> ShapeSpaceSession::actions() const {
+  return controls_.append_to(
       {{"mean", "the mean shape", '0'}, {"training", "the shapes that were learnt from", 't'}});
 }
 
-std::vector<Slider> ShapePlayground::sliders() const {
+std::vector<Slider> ShapeSpaceSession::sliders() const {
   std::vector<Slider> list;
   for (Eigen::Index k = 0; k < std::min<Eigen::Index>(2, sigmas_.size()); ++k)
     list.push_back({fmt::format("mode {}", k + 1), -kMaxSigmas, kMaxSigmas, kStep, sigmas_[k]});
   return list;
 }
 
-cv::Mat ShapePlayground::image() const {
+cv::Mat ShapeSpaceSession::image() const {
   const cv::Size size(760, 560);
   cv::Mat image(size, CV_8UC3, kBackground);
   // The shapes at the left, their coordinates in the plane of the two modes at the right.
@@ -232,25 +233,25 @@ cv::Mat ShapePlayground::image() const {
   }
   const double scale = 0.8 * std::min(left, static_cast<double>(size.height)) /
                        std::max(1e-9, (high - low).maxCoeff());
-  const Eigen::Array2d middle = (low + high) / 2;
-  const auto place = [&](const Eigen::Vector2d& p) {
+  const Eigen::Array2d center = (low + high) / 2;
+  const auto to_pixel = [&](const Eigen::Vector2d& p) {
     const Eigen::Array2d at =
-        scale * (p.array() - middle) + Eigen::Array2d(left / 2, size.height / 2.0);
+        scale * (p.array() - center) + Eigen::Array2d(left / 2, size.height / 2.0);
     return cv::Point2d(at.x(), at.y());
   };
-  if (training_) {
+  if (shows_training_shapes_) {
     for (const Eigen::Matrix2Xd& points : aligned_)
       for (Eigen::Index i = 0; i < points.cols(); ++i)
-        image::draw::point(image, place(points.col(i)), {120, 110, 100}, 1.5);
+        image::draw::point(image, to_pixel(points.col(i)), {120, 110, 100}, 1.5);
   }
   const Eigen::Matrix2Xd made =
       face::shape::shape_of(model_, sigmas_.cwiseProduct(model_.deviation));
   for (const auto& line : model_.connections) {
-    cv::line(image, place(made.col(line[0])), place(made.col(line[1])), {230, 200, 90}, 1,
+    cv::line(image, to_pixel(made.col(line[0])), to_pixel(made.col(line[1])), {230, 200, 90}, 1,
              cv::LINE_AA);
   }
   for (Eigen::Index i = 0; i < made.cols(); ++i)
-    image::draw::point(image, place(made.col(i)), {80, 220, 255}, 3.5);
+    image::draw::point(image, to_pixel(made.col(i)), {80, 220, 255}, 3.5);
 
   const cv::Rect plane(555, 180, 190, 190);
   cv::rectangle(image, plane, {90, 84, 78}, 1);
@@ -261,7 +262,7 @@ cv::Mat ShapePlayground::image() const {
     return cv::Point2d(plane.x + share(a) * plane.width, plane.y + (1 - share(b)) * plane.height);
   };
   const auto second = [](const Eigen::VectorXd& v) { return v.size() > 1 ? v[1] : 0.0; };
-  if (training_) {
+  if (shows_training_shapes_) {
     for (const Eigen::VectorXd& score : scores_)
       if (score.size() > 0)
         image::draw::point(image, in_plane(score[0], second(score)), {150, 140, 130}, 2);
@@ -276,7 +277,7 @@ cv::Mat ShapePlayground::image() const {
   return image;
 }
 
-View ShapePlayground::view() {
+View ShapeSpaceSession::view() {
   View result;
   result.output = image();
   shown_ = draws_status() ? framed(result.output) : result.output;
@@ -288,8 +289,9 @@ View ShapePlayground::view() {
   }
   result.image = shown_;
   result.finished = controls_.finished();
-  result.state = {
-      {"values", numbers(sigmas_)}, {"training", training_}, {"help", controls_.help()}};
+  result.state = {{"values", numbers(sigmas_)},
+                  {"training", shows_training_shapes_},
+                  {"help", controls_.help()}};
   return result;
 }
 

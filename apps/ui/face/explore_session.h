@@ -45,7 +45,7 @@ class ExploreSession final : public Session {
   [[nodiscard]] cv::Mat image() const;
 
  private:
-  void take_from_image();
+  void reset_to_image();
   [[nodiscard]] double* value_of(const std::string& name);
   [[nodiscard]] std::string mode_name() const;
   View view();
@@ -53,13 +53,13 @@ class ExploreSession final : public Session {
   const face::appearance::AppearanceModel& model_;
   face::appearance::Synthesis synthesis_;
   std::optional<ExploredImage> base_;
-  face::shape::ShapeFit placed_;       // the fit to the image's points
-  face::appearance::TextureFit seen_;  // of the image
-  Eigen::VectorXd shape_;              // b / deviation
-  Eigen::VectorXd look_;               // c / deviation
+  face::shape::ShapeFit image_shape_;              // the fit to the image's points
+  face::appearance::TextureFit image_appearance_;  // of the image
+  Eigen::VectorXd shape_;                          // b / deviation
+  Eigen::VectorXd appearance_;                     // c / deviation
   std::uint64_t seed_;
   int mode_ = 0;  // moved by + and -: modes of the shape, then modes of the look
-  bool over_ = false;
+  bool over_image_ = false;
   bool mesh_ = false;
   SessionControls controls_;
   cv::Mat shown_;
@@ -67,10 +67,10 @@ class ExploreSession final : public Session {
 
 // Two sliders for the first two modes of a shape model. Shows the resulting shape among the
 // training shapes. State: {"values": [a, b], "training"}.
-class ShapePlayground final : public Session {
+class ShapeSpaceSession final : public Session {
  public:
   // `shapes` are the training shapes of the model.
-  ShapePlayground(face::shape::ShapeModel model, const std::vector<Eigen::Matrix2Xd>& shapes);
+  ShapeSpaceSession(face::shape::ShapeModel model, const std::vector<Eigen::Matrix2Xd>& shapes);
 
   View on_frame(const Frame&, const SourceStatus&) override { return view(); }
   View on_idle(const SourceStatus&) override { return view(); }
@@ -86,7 +86,7 @@ class ShapePlayground final : public Session {
   std::vector<Eigen::Matrix2Xd> aligned_;  // in the model's frame
   std::vector<Eigen::VectorXd> scores_;    // b / deviation of each
   Eigen::VectorXd sigmas_;
-  bool training_ = true;
+  bool shows_training_shapes_ = true;
   SessionControls controls_;
   cv::Mat shown_;
 };

@@ -26,7 +26,7 @@ double difference(const cv::Mat& a, const cv::Mat& b) {
   return a.size() == b.size() ? cv::norm(a, b, cv::NORM_L1) / static_cast<double>(a.total()) : 1e9;
 }
 
-TEST(ExploreSession, WhereThereIsRoomEachModeHasASlider) {
+TEST(ExploreSession, WithoutStatusEachModeHasASlider) {
   face::appearance::AppearanceOptions options;
   options.shape.variance = 0.999999;
   options.texture_variance = options.colour_variance = 0.999999;
@@ -63,7 +63,7 @@ TEST(ExploreSession, SlidersChangeTheFace) {
   }
 }
 
-TEST(ExploreSession, ValuesAreHeldWithinThreeDeviations) {
+TEST(ExploreSession, ClampsValuesToThreeDeviations) {
   ExploreSession session(model(), std::nullopt, 1);
   const View view = session.on_event(slider_event("shape 1", 50));
   EXPECT_EQ(view.state["shape"][0], 3);
@@ -72,7 +72,7 @@ TEST(ExploreSession, ValuesAreHeldWithinThreeDeviations) {
     EXPECT_EQ(session.on_event(slider_event(name, 1)).state, before) << name;
 }
 
-TEST(ExploreSession, KeysReachTheModesWithoutASlider) {
+TEST(ExploreSession, KeysMoveModesWithoutASlider) {
   ExploreSession session(model(), std::nullopt, 1);
   const cv::Mat mean = session.image();
   EXPECT_EQ(session.on_idle({}).state["mode"], "shape 1");
@@ -86,7 +86,7 @@ TEST(ExploreSession, KeysReachTheModesWithoutASlider) {
   EXPECT_EQ(session.on_event(key_event('n')).state["mode"], "shape 1");
 }
 
-TEST(ExploreSession, RandomFacesDifferAndTheSeedRepeatsThem) {
+TEST(ExploreSession, SeedDeterminesRandomFaces) {
   ExploreSession first(model(), std::nullopt, 4);
   ExploreSession second(model(), std::nullopt, 4);
   (void)first.on_event(key_event('r'));
@@ -98,7 +98,7 @@ TEST(ExploreSession, RandomFacesDifferAndTheSeedRepeatsThem) {
   EXPECT_EQ(second.on_idle({}).state["shape"][0], 0);
 }
 
-TEST(ExploreSession, OverAnImageItBeginsWithTheImagesFace) {
+TEST(ExploreSession, StartsWithTheFaceOfTheImage) {
   const face::appearance::TrainingImage unseen = face::appearance::testing::portraits(1, 33)[0];
   ExploreSession session(model(), ExploredImage{unseen.image, unseen.points}, 1);
   const cv::Mat own = session.image();
@@ -120,7 +120,7 @@ TEST(ExploreSession, RefusesPointsOfAnotherModel) {
                std::invalid_argument);
 }
 
-TEST(ShapePlayground, SlidersMoveTheShapeAmongTheTrainingShapes) {
+TEST(ShapeSpaceSession, SlidersMoveTheShapeAmongTheTrainingShapes) {
   std::vector<Eigen::Matrix2Xd> shapes;
   face::shape::LandmarkSet set;
   for (const face::appearance::TrainingImage& image : face::appearance::testing::portraits(20, 1)) {
@@ -128,7 +128,7 @@ TEST(ShapePlayground, SlidersMoveTheShapeAmongTheTrainingShapes) {
     set.samples.emplace_back();
     set.samples.back().points = image.points;
   }
-  ShapePlayground session(face::shape::train_shape_model(set, {}), shapes);
+  ShapeSpaceSession session(face::shape::train_shape_model(set, {}), shapes);
   ASSERT_EQ(session.sliders().size(), 2U);
   const cv::Mat mean = session.image();
   (void)session.on_event(slider_event("mode 1", 2));
@@ -140,7 +140,7 @@ TEST(ShapePlayground, SlidersMoveTheShapeAmongTheTrainingShapes) {
   EXPECT_TRUE(session.on_event(key_event('q')).finished);
 }
 
-TEST(ExploreSession, WithoutStatusTheImageIsTheImage) {
+TEST(ExploreSession, WithoutStatusShowsOnlyTheImage) {
   ExploreSession session(model(), std::nullopt, 1);
   testing::expect_plain_image(session);
   EXPECT_EQ(difference(session.on_idle({}).image, session.image()), 0);

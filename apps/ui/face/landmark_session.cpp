@@ -68,6 +68,6 @@ nlohmann::json LandmarkSession::state() const {
           {"smoothing", tracker_.tracking().smoothing}};
 }
 
-std::string LandmarkSession::status() const { return counted(result_.faces.size(), "face"); }
+std::string LandmarkSession::status() const { return count_text(result_.faces.size(), "face"); }
 
 }  // namespace tarsier

@@ -18,36 +18,36 @@
 namespace tarsier {
 namespace {
 
-constexpr int kLongest = 1000;  // px, larger images are reduced
-constexpr int kSmallest = 600;  // px, smaller images are enlarged
-constexpr int kPhases = 60;     // steps of a mode's animation
+constexpr int kMaxImageSide = 1000;  // px, larger images are reduced
+constexpr int kMinImageSide = 600;   // px, smaller images are enlarged
+constexpr int kAnimationSteps = 60;  // steps of a mode's animation
 constexpr int kMaxSliders = 6;
 constexpr double kMaxSigmas = 3;
 const cv::Size kModelView(800, 560);
-constexpr int kStatusRoom = 40;  // px
+constexpr int kStatusHeight = 40;  // px
 
 }  // namespace
 
-SetSession::SetSession(face::shape::LandmarkSet set, std::string set_path,
-                       const face::shape::LandmarkStyle& style, bool mirrored)
+LandmarkSetSession::LandmarkSetSession(face::shape::LandmarkSet set, std::string set_path,
+                                       const face::shape::LandmarkStyle& style, bool mirrored)
     : set_(std::move(set)), set_path_(std::move(set_path)), style_(style), mirrored_(mirrored) {
   TARSIER_REQUIRE(!set_.samples.empty(), "a set without samples");
   set_.check();
   open();
 }
 
-void SetSession::open() {
-  trouble_.clear();
+void LandmarkSetSession::open() {
+  read_error_.clear();
   try {
     image_ = read_image(
         face::shape::image_path(set_path_, set_.samples[static_cast<std::size_t>(current_)]));
   } catch (const InputError& error) {
-    trouble_ = error.what();
+    read_error_ = error.what();
     image_ = cv::Mat(480, 640, CV_8UC3, cv::Scalar(50, 45, 40));
   }
 }
 
-View SetSession::on_event(const Event& event) {
+View LandmarkSetSession::on_event(const Event& event) {
   const std::string name = action_of(event, actions());
   const int count = static_cast<int>(set_.samples.size());
   if (name == "next" || name == "previous") {
@@ -62,16 +62,16 @@ View SetSession::on_event(const Event& event) {
   return view();
 }
 
-std::vector<Action> SetSession::actions() const {
-  return controls_.after({{"next", "next image (right arrow, space)", 'n'},
-                          {"previous", "previous image (left arrow)", 'p'},
-                          {"mirrored", "mirrored, as training may see it", 'm'},
-                          {"numbers", "numbers", 'i'},
-                          {"symmetry", "left and right in different colours", 'y'},
-                          {"lines", "lines", 'l'}});
+std::vector<Action> LandmarkSetSession::actions() const {
+  return controls_.append_to({{"next", "next image (right arrow, space)", 'n'},
+                              {"previous", "previous image (left arrow)", 'p'},
+                              {"mirrored", "mirrored, as training may see it", 'm'},
+                              {"numbers", "numbers", 'i'},
+                              {"symmetry", "left and right in different colours", 'y'},
+                              {"lines", "lines", 'l'}});
 }
 
-View SetSession::view() {
+View LandmarkSetSession::view() {
   face::shape::LandmarkSample sample = set_.samples[static_cast<std::size_t>(current_)];
   cv::Mat source = image_;
   if (mirrored_) {
@@ -84,17 +84,17 @@ View SetSession::view() {
     source = turned;
   }
   const int longest = std::max(source.cols, source.rows);
-  const double scale = longest > kLongest    ? static_cast<double>(kLongest) / longest
-                       : longest < kSmallest ? static_cast<double>(kSmallest) / longest
-                                             : 1;
+  const double scale = longest > kMaxImageSide   ? static_cast<double>(kMaxImageSide) / longest
+                       : longest < kMinImageSide ? static_cast<double>(kMinImageSide) / longest
+                                                 : 1;
   const cv::Size size(std::max(1, cvRound(source.cols * scale)),
                       std::max(1, cvRound(source.rows * scale)));
   cv::resize(source, shown_, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
-  if (trouble_.empty()) {
+  if (read_error_.empty()) {
     const Eigen::Matrix2Xd points = ((sample.points.array() + 0.5) * scale - 0.5).matrix();
     face::shape::draw_landmarks(shown_, points, set_.connections, set_.mirror, style_);
   } else {
-    image::draw::put_text(shown_, trouble_, {shown_.cols / 2, shown_.rows / 2}, {.height_px = 9},
+    image::draw::put_text(shown_, read_error_, {shown_.cols / 2, shown_.rows / 2}, {.height_px = 9},
                           image::draw::Anchor::kCenter);
   }
   int missing = 0;
@@ -125,10 +125,10 @@ ShapeModelSession::ShapeModelSession(face::shape::ShapeModel model)
 
 View ShapeModelSession::on_idle(const SourceStatus&) {
   if (animated_ && model_.mode_count() > 0) {
-    phase_ = (phase_ + 1) % kPhases;
+    phase_ = (phase_ + 1) % kAnimationSteps;
     if (phase_ == 0) mode_ = (mode_ + 1) % std::min(model_.mode_count(), kMaxSliders);
     sigmas_.setZero();
-    sigmas_[mode_] = kMaxSigmas * std::sin(2 * std::numbers::pi * phase_ / kPhases);
+    sigmas_[mode_] = kMaxSigmas * std::sin(2 * std::numbers::pi * phase_ / kAnimationSteps);
   }
   return view();
 }
@@ -166,12 +166,12 @@ View ShapeModelSession::on_event(const Event& event) {
 }
 
 std::vector<Action> ShapeModelSession::actions() const {
-  return controls_.after({{"next", "next mode (right arrow)", 'n'},
-                          {"previous", "previous mode (left arrow)", 'p'},
-                          {"more", "a quarter of a deviation more", '+'},
-                          {"less", "less", '-'},
-                          {"mean", "the mean", '0'},
-                          {"animate", "animate", key::kSpace}});
+  return controls_.append_to({{"next", "next mode (right arrow)", 'n'},
+                              {"previous", "previous mode (left arrow)", 'p'},
+                              {"more", "a quarter of a deviation more", '+'},
+                              {"less", "less", '-'},
+                              {"mean", "the mean", '0'},
+                              {"animate", "animate", key::kSpace}});
 }
 
 std::vector<Slider> ShapeModelSession::sliders() const {
@@ -189,7 +189,7 @@ View ShapeModelSession::view() {
                                               model_.mode_count(), sigmas_[mode_]);
   // The drawing has a bar at its bottom; the status is drawn below it.
   const cv::Mat drawing = face::shape::draw_shape(model_, b, kModelView, title);
-  const int room = draws_status() ? kStatusRoom : 0;
+  const int room = draws_status() ? kStatusHeight : 0;
   shown_.create(kModelView.height + room, kModelView.width, CV_8UC3);
   shown_.setTo(cv::Scalar(38, 34, 30));
   drawing.copyTo(shown_(cv::Rect({0, 0}, kModelView)));

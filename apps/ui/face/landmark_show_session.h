@@ -18,11 +18,11 @@ namespace tarsier {
 // Shows the images of a set one by one.
 // State: {"image", "images", "path", "missing", "mirrored", "numbers", "symmetry", "lines",
 // "help"}.
-class SetSession final : public Session {
+class LandmarkSetSession final : public Session {
  public:
   // Throws std::invalid_argument for a set without samples.
-  SetSession(face::shape::LandmarkSet set, std::string set_path,
-             const face::shape::LandmarkStyle& style, bool mirrored);
+  LandmarkSetSession(face::shape::LandmarkSet set, std::string set_path,
+                     const face::shape::LandmarkStyle& style, bool mirrored);
 
   View on_frame(const Frame&, const SourceStatus&) override { return view(); }
   View on_idle(const SourceStatus&) override { return view(); }
@@ -41,7 +41,7 @@ class SetSession final : public Session {
   SessionControls controls_;
   int current_ = 0;
   cv::Mat image_;
-  std::string trouble_;
+  std::string read_error_;
   cv::Mat shown_;
 };
 

@@ -15,7 +15,7 @@
 namespace tarsier {
 namespace {
 
-class SetSessionTest : public ::testing::Test {
+class LandmarkSetSessionTest : public ::testing::Test {
  protected:
   void SetUp() override {
     for (int k = 0; k < 2; ++k) {
@@ -33,14 +33,14 @@ class SetSessionTest : public ::testing::Test {
     set_.samples[2].image = "gone.png";
     set_.mirror = {1, 0, 2};
   }
-  SetSession session() { return {set_, folder_ / "set.yaml", {}, false}; }
+  LandmarkSetSession session() { return {set_, folder_ / "set.yaml", {}, false}; }
 
   TemporaryFolder folder_;
   face::shape::LandmarkSet set_;
 };
 
-TEST_F(SetSessionTest, GoesRoundThroughAllImages) {
-  SetSession session = this->session();
+TEST_F(LandmarkSetSessionTest, CyclesThroughAllImages) {
+  LandmarkSetSession session = this->session();
   EXPECT_EQ(session.on_event(key_event('n')).state.at("image"), 1);
   EXPECT_EQ(session.on_event(key_event(key::kRight)).state.at("image"), 2);
   EXPECT_EQ(session.on_event(key_event(key::kSpace)).state.at("image"), 0);
@@ -51,8 +51,8 @@ TEST_F(SetSessionTest, GoesRoundThroughAllImages) {
   EXPECT_TRUE(session.on_event(key_event('q')).finished);
 }
 
-TEST_F(SetSessionTest, MirroredImageAndPointsAgree) {
-  SetSession session = this->session();
+TEST_F(LandmarkSetSessionTest, MirroredImageAndPointsAgree) {
+  LandmarkSetSession session = this->session();
   const cv::Mat plain = session.on_idle({}).image.clone();
   const cv::Mat turned = session.on_event(key_event('m')).image.clone();
   // The red edge is at the other side, and where points were drawn they are drawn mirrored.
@@ -66,9 +66,9 @@ TEST_F(SetSessionTest, MirroredImageAndPointsAgree) {
   EXPECT_LT(cv::mean(difference)[0], 3);
 }
 
-TEST_F(SetSessionTest, EachSwitchChangesTheImage) {
+TEST_F(LandmarkSetSessionTest, EachSwitchChangesTheImage) {
   set_.connections = {{0, 1}};
-  SetSession session = this->session();
+  LandmarkSetSession session = this->session();
   for (const char key : std::string("iylm?")) {
     const cv::Mat before = session.on_idle({}).image.clone();
     const cv::Mat after = session.on_event(key_event(key)).image.clone();
@@ -106,8 +106,8 @@ TEST(ShapeModelSession, SlidersAndAnimationMoveTheModes) {
   EXPECT_NE(first.at("values"), second.at("values"));
 }
 
-TEST_F(SetSessionTest, WithoutStatusThereIsNoBar) {
-  SetSession session = this->session();
+TEST_F(LandmarkSetSessionTest, WithoutStatusDrawsNoBar) {
+  LandmarkSetSession session = this->session();
   testing::expect_plain_image(session);
 }
 

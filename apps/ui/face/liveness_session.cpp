@@ -56,23 +56,23 @@ LivenessSession::LivenessSession(face::PoseTracker tracker, std::uint64_t seed,
 
 void LivenessSession::restart() {
   liveness_ = face::head::Liveness(seed_, options_);
-  asked_ = 0;
+  challenged_id_ = 0;
 }
 
 void LivenessSession::process(const Frame& frame) {
   result_ = tracker_.process(frame, state_);
   const face::PosedFace* chosen = nullptr;
   for (const face::PosedFace& face : result_.faces) {
-    if (asked_ != 0 && face.face.id != asked_) continue;
+    if (challenged_id_ != 0 && face.face.id != challenged_id_) continue;
     if (chosen == nullptr || face.face.box.area() > chosen->face.box.area()) chosen = &face;
   }
   face::head::LivenessFrame seen;
   seen.time = frame.time;
   if (chosen != nullptr) {
-    asked_ = chosen->face.id;
+    challenged_id_ = chosen->face.id;
     seen.points = chosen->face.points;
     seen.image = frame.image;
-    seen.id = asked_;
+    seen.id = challenged_id_;
     if (chosen->pose) {
       seen.yaw_deg = chosen->pose->angles.yaw_deg;
       seen.pitch_deg = chosen->pose->angles.pitch_deg;
@@ -87,7 +87,7 @@ void LivenessSession::draw(cv::Mat& image) {
                             : now.state == LivenessState::kFailed ? cv::Scalar(60, 60, 220)
                                                                   : cv::Scalar(220, 200, 60);
   for (const face::PosedFace& face : result_.faces)
-    if (face.face.id == asked_) cv::rectangle(image, face.face.box, colour, 2);
+    if (face.face.id == challenged_id_) cv::rectangle(image, face.face.box, colour, 2);
   image::draw::TextStyle text;
   text.height_px = std::clamp(image.rows * 0.05, 10.0, 40.0);
   image::draw::put_text(image, request_of(now), {10, 10}, text);

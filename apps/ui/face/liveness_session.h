@@ -39,7 +39,7 @@ class LivenessSession final : public FrameSession {
   std::uint64_t seed_;
   face::head::LivenessOptions options_;
   face::head::Liveness liveness_;
-  int asked_ = 0;  // id of the face that was asked; 0: none yet
+  int challenged_id_ = 0;  // id of the face that was asked; 0: none yet
 };
 
 }  // namespace tarsier

@@ -66,7 +66,7 @@ class LivenessSessionTest : public ::testing::Test {
                        {face::head::rotation_of_angles({yaw_deg, 0, 0}), {0, 0, 600}}, {}, 1);
     return image;
   }
-  View see(LivenessSession& session, const cv::Mat& image) {
+  View show_frame(LivenessSession& session, const cv::Mat& image) {
     Frame frame;
     frame.image = image;
     frame.index = index_;
@@ -74,10 +74,10 @@ class LivenessSessionTest : public ::testing::Test {
     frame.still = false;
     return session.on_frame(frame, {});
   }
-  void look(LivenessSession& session) {
+  void wait_for_challenge(LivenessSession& session) {
     const cv::Mat image = head(0);
     for (int k = 0; k < 10 && session.challenge().state == LivenessState::kLook; ++k)
-      (void)see(session, image);
+      (void)show_frame(session, image);
   }
 
   static std::unique_ptr<face::PoseModels> models_;
@@ -90,47 +90,47 @@ std::unique_ptr<face::PoseModels> LivenessSessionTest::models_;
 std::unique_ptr<face::appearance::AppearanceModel> LivenessSessionTest::appearance_;
 std::unique_ptr<synth::FaceSynth> LivenessSessionTest::synth_;
 
-TEST_F(LivenessSessionTest, AHeadThatTurnsAsItIsAskedPasses) {
-  LivenessSession asked = session();
-  look(asked);
+TEST_F(LivenessSessionTest, PassesIfTheHeadTurnsAsRequested) {
+  LivenessSession liveness_session = session();
+  wait_for_challenge(liveness_session);
   double yaw = 0;
   View view;
-  for (int k = 0; k < 60 && asked.challenge().state == LivenessState::kAsk; ++k) {
-    yaw += *asked.challenge().task == LivenessTask::kTurnLeft ? -4 : 4;
+  for (int k = 0; k < 60 && liveness_session.challenge().state == LivenessState::kAsk; ++k) {
+    yaw += *liveness_session.challenge().task == LivenessTask::kTurnLeft ? -4 : 4;
     yaw = std::clamp(yaw, -28.0, 28.0);
-    view = see(asked, head(yaw));
+    view = show_frame(liveness_session, head(yaw));
   }
-  EXPECT_EQ(view.state["state"], "passed") << asked.challenge_json();
+  EXPECT_EQ(view.state["state"], "passed") << liveness_session.challenge_json();
   EXPECT_TRUE(view.state["task"].is_null());
   EXPECT_EQ(view.status.find("2 of 2: passed"), 0U) << view.status;
 }
 
-TEST_F(LivenessSessionTest, AHeadThatOnlyLooksIsAskedAndFails) {
-  LivenessSession asked = session();
-  look(asked);
-  ASSERT_EQ(asked.challenge().state, LivenessState::kAsk);
+TEST_F(LivenessSessionTest, FailsIfTheHeadDoesNotMove) {
+  LivenessSession liveness_session = session();
+  wait_for_challenge(liveness_session);
+  ASSERT_EQ(liveness_session.challenge().state, LivenessState::kAsk);
   const cv::Mat still = head(0);
-  View view = see(asked, still);
-  EXPECT_EQ(view.state["task"], std::string(name_of(*asked.challenge().task)));
+  View view = show_frame(liveness_session, still);
+  EXPECT_EQ(view.state["task"], std::string(name_of(*liveness_session.challenge().task)));
   EXPECT_GT(cv::norm(view.output, still, cv::NORM_INF), 50) << "the request is drawn";
-  for (int k = 0; k < 25; ++k) view = see(asked, still);
+  for (int k = 0; k < 25; ++k) view = show_frame(liveness_session, still);
   EXPECT_EQ(view.state["state"], "failed");
   EXPECT_EQ(view.state["reason"], "time");
   EXPECT_EQ(view.status.find("0 of 2: not passed: time"), 0U) << view.status;
 }
 
-TEST_F(LivenessSessionTest, WhoGoesAwayFailsAndMayTryAgain) {
-  LivenessSession asked = session();
-  look(asked);
+TEST_F(LivenessSessionTest, FailsWithoutAFaceAndCanBeRestarted) {
+  LivenessSession liveness_session = session();
+  wait_for_challenge(liveness_session);
   const cv::Mat nobody(240, 320, CV_8UC3, cv::Scalar::all(90));
-  for (int k = 0; k < 10; ++k) (void)see(asked, nobody);
-  EXPECT_EQ(asked.challenge().state, LivenessState::kFailed);
-  EXPECT_EQ(asked.challenge_json()["reason"], "no face");
+  for (int k = 0; k < 10; ++k) (void)show_frame(liveness_session, nobody);
+  EXPECT_EQ(liveness_session.challenge().state, LivenessState::kFailed);
+  EXPECT_EQ(liveness_session.challenge_json()["reason"], "no face");
 
-  EXPECT_EQ(asked.on_event(key_event('n')).state["state"], "look");
-  look(asked);
-  EXPECT_EQ(asked.challenge().state, LivenessState::kAsk);
-  EXPECT_TRUE(asked.on_event(key_event('q')).finished);
+  EXPECT_EQ(liveness_session.on_event(key_event('n')).state["state"], "look");
+  wait_for_challenge(liveness_session);
+  EXPECT_EQ(liveness_session.challenge().state, LivenessState::kAsk);
+  EXPECT_TRUE(liveness_session.on_event(key_event('q')).finished);
 }
 
 }  // namespace

@@ -19,13 +19,13 @@ namespace tarsier {
 namespace {
 
 const cv::Size kView(1000, 620);
-const cv::Rect kFacePlace(12, 12, 480, 522);
-const cv::Rect kPatchPlace(508, 34, 480, 228);
-const cv::Rect kImagePlace(508, 300, 480, 240);
-const cv::Rect kPrevious(12, 544, 110, 28);
-const cv::Rect kNext(130, 544, 110, 28);
-const cv::Scalar kGround(38, 34, 30);
-constexpr int kSearches[] = {11, 21, 31, 41};
+const cv::Rect kFaceArea(12, 12, 480, 522);
+const cv::Rect kPatchArea(508, 34, 480, 228);
+const cv::Rect kImageArea(508, 300, 480, 240);
+const cv::Rect kPreviousButton(12, 544, 110, 28);
+const cv::Rect kNextButton(130, 544, 110, 28);
+const cv::Scalar kBackground(38, 34, 30);
+constexpr int kSearchSizes[] = {11, 21, 31, 41};
 
 void label(cv::Mat& image, const std::string& text, cv::Point at) {
   image::draw::TextStyle style;
@@ -42,11 +42,11 @@ PatchSession::PatchSession(face::landmarks::PatchModels model, face::shape::Shap
   model_.check();
   TARSIER_REQUIRE(shape_.points() == model_.points(), "{} patches, a shape of {} points",
                   model_.points(), shape_.points());
-  respond();
+  compute_responses();
   (void)view();  // clicks refer to the last drawn view
 }
 
-void PatchSession::respond() {
+void PatchSession::compute_responses() {
   if (!image_) return;
   responses_ = face::landmarks::point_responses(model_, image_->gray, image_->points, search_);
 }
@@ -55,7 +55,7 @@ std::vector<Action> PatchSession::actions() const {
   std::vector<Action> actions = {{"next", "next patch (right arrow, space)", 'n'},
                                  {"previous", "previous patch (left arrow)", 'p'}};
   if (image_) actions.push_back({"search", "a wider search region, then the narrowest", 'w'});
-  return controls_.after(std::move(actions));
+  return controls_.append_to(std::move(actions));
 }
 
 int PatchSession::patch_at(double x, double y) const {
@@ -72,8 +72,8 @@ int PatchSession::patch_at(double x, double y) const {
 void PatchSession::click(double x, double y) {
   const cv::Point at(static_cast<int>(x), static_cast<int>(y));
   const int count = model_.points();
-  if (kNext.contains(at)) current_ = (current_ + 1) % count;
-  if (kPrevious.contains(at)) current_ = (current_ + count - 1) % count;
+  if (kNextButton.contains(at)) current_ = (current_ + 1) % count;
+  if (kPreviousButton.contains(at)) current_ = (current_ + count - 1) % count;
   const int hit = patch_at(x, y);
   if (hit >= 0) current_ = hit;
 }
@@ -88,9 +88,9 @@ View PatchSession::on_event(const Event& event) {
   if (name == "next") current_ = (current_ + 1) % count;
   if (name == "previous") current_ = (current_ + count - 1) % count;
   if (name == "search" && image_) {
-    const auto* wider = std::upper_bound(std::begin(kSearches), std::end(kSearches), search_);
-    search_ = wider == std::end(kSearches) ? kSearches[0] : *wider;
-    respond();
+    const auto* wider = std::upper_bound(std::begin(kSearchSizes), std::end(kSearchSizes), search_);
+    search_ = wider == std::end(kSearchSizes) ? kSearchSizes[0] : *wider;
+    compute_responses();
   }
   controls_.act(name);
   return view();
@@ -99,44 +99,44 @@ View PatchSession::on_event(const Event& event) {
 void PatchSession::draw_face() {
   constexpr int kZoom = 4;
   const cv::Mat face = face::landmarks::draw_patches(model_, shape_, current_, kZoom);
-  const double scale = std::min(static_cast<double>(kFacePlace.width) / face.cols,
-                                static_cast<double>(kFacePlace.height) / face.rows);
+  const double scale = std::min(static_cast<double>(kFaceArea.width) / face.cols,
+                                static_cast<double>(kFaceArea.height) / face.rows);
   const cv::Size size(cvRound(face.cols * scale), cvRound(face.rows * scale));
-  face_ = {kFacePlace.x + (kFacePlace.width - size.width) / 2,
-           kFacePlace.y + (kFacePlace.height - size.height) / 2, size.width, size.height};
+  face_ = {kFaceArea.x + (kFaceArea.width - size.width) / 2,
+           kFaceArea.y + (kFaceArea.height - size.height) / 2, size.width, size.height};
   face_scale_ = scale * kZoom;
   cv::Mat to = shown_(face_);
   cv::resize(face, to, size, 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
 }
 
 void PatchSession::draw_patch() {
-  const cv::Mat patch = face::landmarks::draw_patch(model_, current_, kPatchPlace.height);
-  image::draw::letterbox(patch, kPatchPlace.size(), kGround).copyTo(shown_(kPatchPlace));
-  label(shown_, fmt::format("weights of patch {}", current_), {kPatchPlace.x, 14});
-  label(shown_, "their gradient", {kPatchPlace.x + kPatchPlace.width / 2 + 14, 14});
+  const cv::Mat patch = face::landmarks::draw_patch(model_, current_, kPatchArea.height);
+  image::draw::letterbox(patch, kPatchArea.size(), kBackground).copyTo(shown_(kPatchArea));
+  label(shown_, fmt::format("weights of patch {}", current_), {kPatchArea.x, 14});
+  label(shown_, "their gradient", {kPatchArea.x + kPatchArea.width / 2 + 14, 14});
 }
 
 void PatchSession::draw_image() {
   if (!image_) {
-    label(shown_, "--on IMAGE shows how it responds there", {kImagePlace.x, kImagePlace.y - 20});
+    label(shown_, "--on IMAGE shows how it responds there", {kImageArea.x, kImageArea.y - 20});
     return;
   }
   const face::landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
-  const cv::Mat drawn = face::landmarks::draw_response(response, kImagePlace.height);
-  drawn.copyTo(shown_(cv::Rect(kImagePlace.tl(), drawn.size())));
-  label(shown_, fmt::format("the image, {0}x{0} px", search_), {kImagePlace.x, kImagePlace.y - 20});
+  const cv::Mat drawn = face::landmarks::draw_response(response, kImageArea.height);
+  drawn.copyTo(shown_(cv::Rect(kImageArea.tl(), drawn.size())));
+  label(shown_, fmt::format("the image, {0}x{0} px", search_), {kImageArea.x, kImageArea.y - 20});
   label(shown_, fmt::format("response, at best {:.2f}", response.best),
-        {kImagePlace.x + drawn.cols / 2 + 4, kImagePlace.y - 20});
+        {kImageArea.x + drawn.cols / 2 + 4, kImageArea.y - 20});
 }
 
 View PatchSession::view() {
   shown_.create(kView, CV_8UC3);
-  shown_.setTo(kGround);
+  shown_.setTo(kBackground);
   draw_face();
   draw_patch();
   draw_image();
-  image::draw::button(shown_, kPrevious, "previous");
-  image::draw::button(shown_, kNext, "next");
+  image::draw::button(shown_, kPreviousButton, "previous");
+  image::draw::button(shown_, kNextButton, "next");
   View result;
   result.status = fmt::format("patch {} of {}, {}x{} px", current_ + 1, model_.points(),
                               model_.side(), model_.side());

@@ -39,7 +39,7 @@ class PatchSession final : public Session {
   [[nodiscard]] std::vector<Slider> sliders() const override { return {}; }
 
  private:
-  void respond();
+  void compute_responses();
   [[nodiscard]] int patch_at(double x, double y) const;
   void click(double x, double y);
   void draw_face();

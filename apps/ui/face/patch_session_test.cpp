@@ -56,7 +56,7 @@ class PatchSessionTest : public ::testing::Test {
 };
 
 // No frames: a session of events alone.
-class Nothing final : public FrameSource {
+class EmptySource final : public FrameSource {
  public:
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
     return std::nullopt;
@@ -72,12 +72,12 @@ class Nothing final : public FrameSource {
   std::vector<std::string> skipped_;
 };
 
-TEST_F(PatchSessionTest, KeysGoRoundThroughAllPatches) {
+TEST_F(PatchSessionTest, KeysCycleThroughAllPatches) {
   PatchSession session = this->session(false);
-  Nothing source;
+  EmptySource source;
   ScriptedHost host(session, source);
   const std::vector<int> keys{'n', 'n', key::kRight, key::kSpace, key::kLeft, 'p', 'q'};
-  for (const int key : keys) host.at(0, key_event(key));
+  for (const int key : keys) host.schedule(0, key_event(key));
   std::vector<int> patches;
   for (const ScriptStep& step : host.run()) patches.push_back(step.state.at("patch"));
   EXPECT_EQ(patches, (std::vector<int>{1, 2, 3, 0, 3, 2, 2}));
@@ -85,7 +85,7 @@ TEST_F(PatchSessionTest, KeysGoRoundThroughAllPatches) {
   EXPECT_TRUE(host.steps().back().state.at("peak").is_null()) << "there is no image";
 }
 
-TEST_F(PatchSessionTest, ResponseTellsHowFarThePeakIsFromThePoint) {
+TEST_F(PatchSessionTest, ReportsTheOffsetOfTheResponsePeak) {
   PatchSession session = this->session(true);
   View view = session.on_idle({});
   EXPECT_EQ(view.state.at("peak"), (std::vector<int>{0, 0}));
@@ -97,7 +97,7 @@ TEST_F(PatchSessionTest, ResponseTellsHowFarThePeakIsFromThePoint) {
   EXPECT_EQ(view.state.at("peak"), (std::vector<int>{3, -2})) << "a wider region, the same peak";
 }
 
-TEST_F(PatchSessionTest, ClicksTakeButtonsAndThePatchUnderThem) {
+TEST_F(PatchSessionTest, ClicksSelectButtonsAndPatches) {
   PatchSession session = this->session(false);
   const auto click = [&](double x, double y) {
     Event event;
@@ -124,13 +124,13 @@ TEST_F(PatchSessionTest, EachPatchIsDrawnDifferently) {
   EXPECT_EQ(cv::norm(first, back, cv::NORM_INF), 0);
 }
 
-TEST_F(PatchSessionTest, PartsThatDoNotFitAreRefused) {
+TEST_F(PatchSessionTest, RefusesMismatchedModelParts) {
   model_.patches.pop_back();
   model_.reference = Eigen::Matrix2Xd(model_.reference.leftCols(3));
   EXPECT_THROW(this->session(false), std::invalid_argument);
 }
 
-TEST_F(PatchSessionTest, WithoutStatusThereIsNoBar) {
+TEST_F(PatchSessionTest, WithoutStatusDrawsNoBar) {
   PatchSession session = this->session(true);
   testing::expect_plain_image(session);
 }

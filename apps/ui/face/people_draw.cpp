@@ -17,7 +17,7 @@
 namespace tarsier {
 namespace {
 
-const cv::Scalar kGround{38, 34, 30};
+const cv::Scalar kBackground{38, 34, 30};
 const cv::Scalar kGreen{80, 220, 80};
 const cv::Scalar kRed{60, 60, 235};
 const cv::Scalar kGrey{170, 170, 170};
@@ -112,18 +112,19 @@ std::string PeopleSession::help_line() const {
 }
 
 // "3 groups, 2 unknown faces wait   "; empty if there are none.
-std::string PeopleSession::unknown_words() const {
-  if (group_count_ == 0 && waiting_ == 0) return "";
-  std::string out = counted(static_cast<std::size_t>(group_count_), "group");
-  if (waiting_ > 0)
-    out += fmt::format(", {} wait{}", counted(static_cast<std::size_t>(waiting_), "unknown face"),
-                       waiting_ == 1 ? "s" : "");
+std::string PeopleSession::unknown_text() const {
+  if (group_count_ == 0 && ungrouped_count_ == 0) return "";
+  std::string out = count_text(static_cast<std::size_t>(group_count_), "group");
+  if (ungrouped_count_ > 0)
+    out += fmt::format(", {} wait{}",
+                       count_text(static_cast<std::size_t>(ungrouped_count_), "unknown face"),
+                       ungrouped_count_ == 1 ? "s" : "");
   return out + "   ";
 }
 
 void PeopleSession::draw_strip() {
   const int x = image_size().width;
-  shown_.colRange(x, shown_.cols).setTo(kGround);
+  shown_.colRange(x, shown_.cols).setTo(kBackground);
   for (std::size_t i = 0; i < people_.size(); ++i) {
     const Enrolled& person = people_[i];
     const cv::Rect box = strip_box(i);
@@ -153,14 +154,15 @@ void PeopleSession::draw_strip() {
 void PeopleSession::draw_buttons() {
   image::draw::button(shown_, button_box("add"), "Add Person",
                       mode_ == PeopleMode::kCollect && !pending_.empty());
-  image::draw::button(shown_, button_box("delete"), "Delete All", asking_);
+  image::draw::button(shown_, button_box("delete"), "Delete All", is_confirming_);
   image::draw::button(shown_, button_box("debug"), "Debug", debug_);
-  if (!asking_) return;
-  const cv::Point middle(image_size().width / 2, image_size().height / 2);
-  image::draw::fill_rounded(shown_, {middle.x - 210, middle.y - 50, 420, 110}, 10, kGround, 0.9);
+  if (!is_confirming_) return;
+  const cv::Point center(image_size().width / 2, image_size().height / 2);
+  image::draw::fill_rounded(shown_, {center.x - 210, center.y - 50, 420, 110}, 10, kBackground,
+                            0.9);
   image::draw::put_text(shown_,
                         fmt::format("Delete {} people and all their faces?", people_.size()),
-                        {middle.x, middle.y - 14}, {.height_px = 13}, image::draw::Anchor::kCenter);
+                        {center.x, center.y - 14}, {.height_px = 13}, image::draw::Anchor::kCenter);
   image::draw::button(shown_, button_box("confirm"), "Delete");
   image::draw::button(shown_, button_box("cancel"), "Keep", true);
 }
@@ -189,7 +191,7 @@ void PeopleSession::draw_confidence() {
   const face::people::Recognition& name = faces_.front().identity;
   const cv::Size size = image_size();
   const cv::Rect box(size.width - 30, size.height / 2 - 90, 16, 180);
-  image::draw::fill_rounded(shown_, box, 4, kGround, 0.8);
+  image::draw::fill_rounded(shown_, box, 4, kBackground, 0.8);
   const int filled = cvRound(std::clamp(name.confidence, 0.0, 1.0) * box.height);
   cv::rectangle(shown_, cv::Rect(box.x, box.br().y - filled, box.width, filled),
                 name.known ? kGreen : kGrey, cv::FILLED);
@@ -252,9 +254,9 @@ nlohmann::json PeopleSession::state() const {
                              ? nlohmann::json(people_[static_cast<std::size_t>(collecting_)].name)
                              : nlohmann::json()},
           {"recognized", std::move(recognized)},
-          {"unknown", {{"groups", group_count_}, {"waiting", waiting_}}},
+          {"unknown", {{"groups", group_count_}, {"waiting", ungrouped_count_}}},
           {"panel", panel_.state()},
-          {"asking", asking_},
+          {"asking", is_confirming_},
           {"debug", debug_},
           {"flash", flash_ > 0},
           {"message", message_},
@@ -269,7 +271,7 @@ View PeopleSession::view(bool fresh) {
   result.finished = controls_.finished();
   const cv::Size size = image_size();
   shown_.create(size.height + (draws_status() ? kBar : 0), size.width + kStrip, CV_8UC3);
-  shown_.setTo(kGround);
+  shown_.setTo(kBackground);
   if (!frame_.empty()) {
     cv::Mat image = shown_(cv::Rect({0, 0}, size));
     if (fresh) {
@@ -301,15 +303,15 @@ View PeopleSession::view(bool fresh) {
   draw_debug();
   draw_strip();
   draw_buttons();
-  if (!asking_) panel_.draw(shown_, panel_area());
-  if (const std::string text = prompt(); !text.empty() && !asking_)
+  if (!is_confirming_) panel_.draw(shown_, panel_area());
+  if (const std::string text = prompt(); !text.empty() && !is_confirming_)
     image::draw::put_text(shown_, text, {size.width / 2, size.height - 14},
                           {.height_px = 16, .backing = image::draw::Backing::kBox},
                           image::draw::Anchor::kBottom);
   if (draws_status()) {
     image::draw::status_bar(shown_, result.status,
                             source_.empty()
-                                ? fmt::format("{}{}{}   h: help", unknown_words(), name_of(mode_),
+                                ? fmt::format("{}{}{}   h: help", unknown_text(), name_of(mode_),
                                               controls_.paused() ? ", paused" : "")
                                 : source_);
     if (controls_.help()) draw_help(shown_, "People", actions());

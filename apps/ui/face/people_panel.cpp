@@ -16,20 +16,20 @@ namespace {
 
 using face::people::Sighting;
 
-constexpr std::size_t kMaxTyped = 80;  // bytes of a typed name
-constexpr std::size_t kBestFaces = 8;  // per row
+constexpr std::size_t kMaxNameLength = 80;  // bytes of a typed name
+constexpr std::size_t kBestFaces = 8;       // per row
 constexpr std::int64_t kMaxCorrections = 100;
 constexpr std::size_t kMaxStateRows = 100;
 
 // "2024-05-01 12:30", UTC.
-std::string minute(std::int64_t time) {
+std::string date_text(std::int64_t time) {
   std::string text =
       plate::moment_text(plate::Moment(std::chrono::milliseconds(time))).substr(0, 16);
   if (text.size() > 10) text[10] = ' ';
   return text;
 }
 
-std::string times(std::int64_t count, std::string_view one) {
+std::string with_count(std::int64_t count, std::string_view one) {
   return fmt::format("{} {}{}", count, one, count == 1 ? "" : "s");
 }
 
@@ -87,58 +87,58 @@ bool PeoplePanel::shows_faces() const {
   return list_ == List::kFacesOfGroup || list_ == List::kFacesOfPerson;
 }
 
-void PeoplePanel::shut() {
+void PeoplePanel::close() {
   list_ = List::kNone;
   typed_.reset();
-  asking_ = false;
+  is_confirming_ = false;
   refresh();
 }
 
 // Resets the selection for another list.
-void PeoplePanel::show_from_start() {
+void PeoplePanel::reset_selection() {
   rows_.clear();
-  chosen_ = first_ = 0;
+  selected_ = first_ = 0;
   marked_.clear();
   refresh();
 }
 
 void PeoplePanel::open(List list) {
   list_ = list_ == list ? List::kNone : list;  // the same key again closes it
-  from_ = List::kNone;
+  parent_list_ = List::kNone;
   typed_.reset();
-  asking_ = false;
-  show_from_start();
+  is_confirming_ = false;
+  reset_selection();
 }
 
 void PeoplePanel::open_faces() {
-  const Row* row = chosen();
+  const Row* row = selected_row();
   if (row == nullptr || (list_ != List::kGroups && list_ != List::kPeople)) return;
   if (list_ == List::kGroups) group_ = row->id;
   if (list_ == List::kPeople) person_ = row->name;
-  from_ = list_;
+  parent_list_ = list_;
   list_ = list_ == List::kGroups ? List::kFacesOfGroup : List::kFacesOfPerson;
-  show_from_start();
+  reset_selection();
 }
 
 void PeoplePanel::back() {
-  asking_ = false;
+  is_confirming_ = false;
   if (shows_faces()) {
     const std::int64_t group = group_;
     const std::string person = person_;
     const List shown = list_;
-    list_ = from_;
-    show_from_start();
+    list_ = parent_list_;
+    reset_selection();
     for (std::size_t i = 0; i < rows_.size(); ++i)
       if (shown == List::kFacesOfGroup ? rows_[i].id == group : rows_[i].name == person)
-        chosen_ = i;
+        selected_ = i;
     return;
   }
-  shut();
+  close();
 }
 
 void PeoplePanel::refresh() {
-  const Row* old = chosen();
-  const std::int64_t kept = old != nullptr ? old->id : 0;
+  const Row* old = selected_row();
+  const std::int64_t selected_id = old != nullptr ? old->id : 0;
   rows_.clear();
   best_.clear();
   thumbnails_.clear();
@@ -146,10 +146,10 @@ void PeoplePanel::refresh() {
   switch (list_) {
     case List::kGroups:
       for (const auto& group : gallery_.groups())
-        rows_.push_back(
-            {group.id, fmt::format("Group {}", group.id),
-             fmt::format("{}\n{}", times(group.sightings, "sighting"), minute(group.last_time)),
-             ""});
+        rows_.push_back({group.id, fmt::format("Group {}", group.id),
+                         fmt::format("{}\n{}", with_count(group.sightings, "sighting"),
+                                     date_text(group.last_time)),
+                         ""});
       break;
     case List::kPeople: {
       for (const auto& ref : gallery_.face_refs()) {
@@ -159,17 +159,17 @@ void PeoplePanel::refresh() {
       }
       for (const auto& person : gallery_.people())
         rows_.push_back(
-            {person.id, printable(person.name), times(person.faces, "face"), person.name});
+            {person.id, printable(person.name), with_count(person.faces, "face"), person.name});
       break;
     }
     case List::kFacesOfGroup:
       for (const Sighting& sighting : gallery_.group_sightings(group_))
-        rows_.push_back({sighting.id, std::to_string(sighting.id), minute(sighting.time), ""});
+        rows_.push_back({sighting.id, std::to_string(sighting.id), date_text(sighting.time), ""});
       break;
     case List::kFacesOfPerson:
       if (const auto person = gallery_.find(person_)) {
         gallery_.each_face(person->id, false, [&](face::people::StoredFace&& face) {
-          rows_.push_back({face.id, std::to_string(face.id), minute(face.time), ""});
+          rows_.push_back({face.id, std::to_string(face.id), date_text(face.time), ""});
         });
       }
       break;
@@ -177,43 +177,44 @@ void PeoplePanel::refresh() {
       for (const auto& entry : gallery_.corrections(kMaxCorrections))
         rows_.push_back(
             {entry.id, text_of(entry),
-             fmt::format("{}  {}  {}", entry.id, minute(entry.time), printable(entry.actor)), ""});
+             fmt::format("{}  {}  {}", entry.id, date_text(entry.time), printable(entry.actor)),
+             ""});
       break;
     case List::kNone:
       break;
   }
-  std::set<std::int64_t> there;
+  std::set<std::int64_t> present_ids;
   for (std::size_t i = 0; i < rows_.size(); ++i) {
-    there.insert(rows_[i].id);
-    if (rows_[i].id == kept) chosen_ = i;
+    present_ids.insert(rows_[i].id);
+    if (rows_[i].id == selected_id) selected_ = i;
   }
-  std::erase_if(marked_, [&](std::int64_t id) { return !there.contains(id); });
-  if (chosen_ >= rows_.size()) chosen_ = rows_.empty() ? 0 : rows_.size() - 1;
+  std::erase_if(marked_, [&](std::int64_t id) { return !present_ids.contains(id); });
+  if (selected_ >= rows_.size()) selected_ = rows_.empty() ? 0 : rows_.size() - 1;
 }
 
-const PeoplePanel::Row* PeoplePanel::chosen() const {
-  return chosen_ < rows_.size() ? &rows_[chosen_] : nullptr;
+const PeoplePanel::Row* PeoplePanel::selected_row() const {
+  return selected_ < rows_.size() ? &rows_[selected_] : nullptr;
 }
 
-std::vector<const PeoplePanel::Row*> PeoplePanel::touched() const {
+std::vector<const PeoplePanel::Row*> PeoplePanel::affected_rows() const {
   std::vector<const Row*> out;
   for (const Row& row : rows_)
     if (marked_.contains(row.id)) out.push_back(&row);
-  if (out.empty() && chosen() != nullptr) out.push_back(chosen());
+  if (out.empty() && selected_row() != nullptr) out.push_back(selected_row());
   return out;
 }
 
-std::vector<std::int64_t> PeoplePanel::touched_ids() const {
+std::vector<std::int64_t> PeoplePanel::affected_ids() const {
   std::vector<std::int64_t> out;
-  for (const Row* row : touched()) out.push_back(row->id);
+  for (const Row* row : affected_rows()) out.push_back(row->id);
   return out;
 }
 
 void PeoplePanel::move(int by) {
   if (rows_.empty()) return;
   const auto last = static_cast<std::ptrdiff_t>(rows_.size()) - 1;
-  chosen_ = static_cast<std::size_t>(
-      std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(chosen_) + by, 0, last));
+  selected_ = static_cast<std::size_t>(
+      std::clamp<std::ptrdiff_t>(static_cast<std::ptrdiff_t>(selected_) + by, 0, last));
 }
 
 bool PeoplePanel::act(std::string_view action) {
@@ -240,10 +241,10 @@ bool PeoplePanel::act(std::string_view action) {
     return true;
   }
   if (list_ == List::kNone) return false;
-  const bool was_asking = std::exchange(asking_, false);
+  const bool was_confirming = std::exchange(is_confirming_, false);
   if (action == "confirm" || action == "cancel") {
-    if (was_asking && action == "confirm") forget();
-    return was_asking;
+    if (was_confirming && action == "confirm") forget();
+    return was_confirming;
   }
   if (action == "up" || action == "down") {
     move(action == "up" ? -1 : 1);
@@ -252,21 +253,22 @@ bool PeoplePanel::act(std::string_view action) {
   } else if (action == "back") {
     back();
   } else if (action == "mark") {
-    if (const Row* row = chosen(); row != nullptr && list_ != List::kCorrections)
+    if (const Row* row = selected_row(); row != nullptr && list_ != List::kCorrections)
       if (!marked_.erase(row->id)) marked_.insert(row->id);
   } else if (action == "name") {
-    ask_who();
+    begin_naming();
   } else if (action == "merge") {
     merge();
   } else if (action == "split") {
     split();
   } else if (action == "not" && list_ == List::kFacesOfPerson) {
-    not_these();
+    reject_faces();
   } else if (action == "undo" && list_ == List::kCorrections) {
     undo();
   } else if (action == "forget") {
-    asking_ = chosen() != nullptr && (list_ == List::kGroups || list_ == List::kPeople);
-    if (!asking_) message_ = "a group or a person is forgotten in the list of them";
+    is_confirming_ =
+        selected_row() != nullptr && (list_ == List::kGroups || list_ == List::kPeople);
+    if (!is_confirming_) message_ = "a group or a person is forgotten in the list of them";
   } else {
     return false;
   }
@@ -282,7 +284,7 @@ bool PeoplePanel::press(const Event& event) {
     if (event.key == key::kDown) return act("down");
     if (event.key == key::kBackspace) {
       if (!typed_->empty()) typed_->pop_back();
-    } else if (event.key >= ' ' && event.key < 127 && typed_->size() < kMaxTyped) {
+    } else if (event.key >= ' ' && event.key < 127 && typed_->size() < kMaxNameLength) {
       // The first typed letter replaces the proposal.
       if (proposal_ < proposals_.size() && *typed_ == proposals_[proposal_]) typed_->clear();
       typed_->push_back(static_cast<char>(event.key));
@@ -291,7 +293,7 @@ bool PeoplePanel::press(const Event& event) {
     return true;
   }
   if (list_ == List::kNone) return false;
-  if (event.key == key::kEscape) return act(asking_ ? "cancel" : "back");
+  if (event.key == key::kEscape) return act(is_confirming_ ? "cancel" : "back");
   if (event.key == key::kLeft) return act("up");
   if (event.key == key::kRight) return act("down");
   return false;
@@ -299,11 +301,11 @@ bool PeoplePanel::press(const Event& event) {
 
 bool PeoplePanel::click(cv::Point at) {
   if (typed_ || list_ == List::kNone) return typed_.has_value();
-  asking_ = false;
+  is_confirming_ = false;
   for (const Cell& cell : cells_) {
     if (!cell.box.contains(at) || cell.row >= rows_.size()) continue;
-    if (cell.row == chosen_) return act("mark");
-    chosen_ = cell.row;
+    if (cell.row == selected_) return act("mark");
+    selected_ = cell.row;
     return true;
   }
   return false;
@@ -311,17 +313,17 @@ bool PeoplePanel::click(cv::Point at) {
 
 std::vector<std::string> PeoplePanel::proposals() const {
   std::vector<std::string> out;
-  std::set<std::string> taken;
+  std::set<std::string> enrolled_names;
   std::vector<std::string> enrolled;
   for (const auto& person : gallery_.people()) {
-    taken.insert(person.name);
+    enrolled_names.insert(person.name);
     if (list_ != List::kFacesOfPerson || person.name != person_) enrolled.push_back(person.name);
   }
   for (const std::string& name : options_.names)
-    if (!taken.contains(name)) out.push_back(name);
+    if (!enrolled_names.contains(name)) out.push_back(name);
   if (out.empty()) {
     for (int number = 1; out.empty(); ++number)
-      if (std::string name = fmt::format("Person {}", number); !taken.contains(name))
+      if (std::string name = fmt::format("Person {}", number); !enrolled_names.contains(name))
         out.push_back(std::move(name));
   }
   out.insert(out.end(), enrolled.begin(), enrolled.end());
@@ -339,11 +341,11 @@ void PeoplePanel::name_group(std::int64_t group) {
   begin_typing(proposals());
 }
 
-void PeoplePanel::ask_who() {
-  if (chosen() == nullptr) return;
+void PeoplePanel::begin_naming() {
+  if (selected_row() == nullptr) return;
   switch (list_) {
     case List::kGroups:
-      group_ = chosen()->id;
+      group_ = selected_row()->id;
       begin_typing(proposals());
       break;
     case List::kFacesOfGroup:
@@ -366,7 +368,7 @@ void PeoplePanel::correct(const std::function<void()>& work) {
   refresh();
 }
 
-void PeoplePanel::done(std::int64_t correction, std::string message) {
+void PeoplePanel::record_correction(std::int64_t correction, std::string message) {
   corrections_.push_back(correction);
   message_ = std::move(message);
   changed_ = true;
@@ -377,28 +379,30 @@ void PeoplePanel::end_typing() {
   const std::string name = *std::exchange(typed_, std::nullopt);
   correct([&] {
     if (list_ != List::kFacesOfPerson) {
-      done(gallery_.name_group(group_, name, options_.note, options_.max_faces, stamp()),
-           fmt::format("Group {} is {}", group_, printable(name)));
+      record_correction(
+          gallery_.name_group(group_, name, options_.note, options_.max_faces, stamp()),
+          fmt::format("Group {} is {}", group_, printable(name)));
       if (list_ == List::kFacesOfGroup) back();
       return;
     }
-    const std::vector<std::int64_t> faces = touched_ids();
+    const std::vector<std::int64_t> faces = affected_ids();
     const std::int64_t id = gallery_.find(name)
                                 ? gallery_.move_faces(faces, name, stamp())
                                 : gallery_.split_person(person_, faces, name, stamp());
-    done(id, fmt::format("{} of {}: {}", times(static_cast<std::int64_t>(faces.size()), "face"),
-                         printable(person_), printable(name)));
+    record_correction(
+        id, fmt::format("{} of {}: {}", with_count(static_cast<std::int64_t>(faces.size()), "face"),
+                        printable(person_), printable(name)));
     marked_.clear();
   });
 }
 
 void PeoplePanel::merge() {
-  const Row* into = chosen();
-  if (into == nullptr || (list_ != List::kGroups && list_ != List::kPeople)) {
+  const Row* target_row = selected_row();
+  if (target_row == nullptr || (list_ != List::kGroups && list_ != List::kPeople)) {
     message_ = "groups and people are merged in the lists of them";
     return;
   }
-  const Row target = *into;
+  const Row target = *target_row;
   std::vector<Row> from;
   for (const Row& row : rows_)
     if (marked_.contains(row.id) && row.id != target.id) from.push_back(row);
@@ -408,42 +412,44 @@ void PeoplePanel::merge() {
   }
   correct([&] {
     for (const Row& row : from) {
-      done(list_ == List::kGroups ? gallery_.merge_groups(row.id, target.id, stamp())
-                                  : gallery_.merge_people(row.name, target.name, stamp()),
-           fmt::format("{} is {} now", row.title, target.title));
+      record_correction(list_ == List::kGroups
+                            ? gallery_.merge_groups(row.id, target.id, stamp())
+                            : gallery_.merge_people(row.name, target.name, stamp()),
+                        fmt::format("{} is {} now", row.title, target.title));
     }
   });
   marked_.clear();
 }
 
 void PeoplePanel::split() {
-  if (list_ == List::kFacesOfPerson) return ask_who();
+  if (list_ == List::kFacesOfPerson) return begin_naming();
   if (list_ != List::kFacesOfGroup || rows_.empty()) {
     message_ = "faces are split off in the list of them";
     return;
   }
   correct([&] {
-    const std::vector<std::int64_t> ids = touched_ids();
-    done(gallery_.split_group(group_, ids, stamp()),
-         fmt::format("{} of group {}: a group of their own",
-                     times(static_cast<std::int64_t>(ids.size()), "face"), group_));
+    const std::vector<std::int64_t> ids = affected_ids();
+    record_correction(
+        gallery_.split_group(group_, ids, stamp()),
+        fmt::format("{} of group {}: a group of their own",
+                    with_count(static_cast<std::int64_t>(ids.size()), "face"), group_));
     marked_.clear();
   });
 }
 
-void PeoplePanel::not_these() {
+void PeoplePanel::reject_faces() {
   correct([&] {
-    for (const std::int64_t id : touched_ids())
-      done(gallery_.not_this_face(id, stamp()),
-           fmt::format("Face {} is not {}", id, printable(person_)));
+    for (const std::int64_t id : affected_ids())
+      record_correction(gallery_.not_this_face(id, stamp()),
+                        fmt::format("Face {} is not {}", id, printable(person_)));
     marked_.clear();
   });
 }
 
 void PeoplePanel::undo() {
-  if (chosen() == nullptr) return;
+  if (selected_row() == nullptr) return;
   correct([&] {
-    const std::int64_t id = chosen()->id;
+    const std::int64_t id = selected_row()->id;
     (void)gallery_.undo(id, stamp());
     message_ = fmt::format("Correction {} is undone", id);
     changed_ = true;
@@ -451,21 +457,21 @@ void PeoplePanel::undo() {
 }
 
 void PeoplePanel::forget() {
-  const Row* row = chosen();
+  const Row* row = selected_row();
   if (row == nullptr) return;
   const Row gone = *row;
   correct([&] {
     const auto report = list_ == List::kGroups ? gallery_.forget_group(gone.id, {})
                                                : gallery_.forget(gone.name, {});
     changed_ = true;
-    message_ =
-        !report ? gone.title + " was gone already"
-        : report->proven()
-            ? fmt::format("{} is forgotten; {} searched, nothing is left", gone.title,
-                          times(static_cast<std::int64_t>(report->search.files.size()), "file"))
-            : gone.title +
-                  " is forgotten; that no copy is left could not be "
-                  "proven";
+    message_ = !report ? gone.title + " was gone already"
+               : report->proven()
+                   ? fmt::format(
+                         "{} is forgotten; {} searched, nothing is left", gone.title,
+                         with_count(static_cast<std::int64_t>(report->search.files.size()), "file"))
+                   : gone.title +
+                         " is forgotten; that no copy is left could not be "
+                         "proven";
   });
 }
 
@@ -482,9 +488,9 @@ nlohmann::json PeoplePanel::state() const {
   return {{"list", name_of(list_)},
           {"of", std::move(of)},
           {"rows", std::move(rows)},
-          {"chosen", rows_.empty() ? nlohmann::json() : nlohmann::json(chosen_)},
+          {"chosen", rows_.empty() ? nlohmann::json() : nlohmann::json(selected_)},
           {"typing", typed_ ? nlohmann::json(*typed_) : nlohmann::json()},
-          {"asking", asking_}};
+          {"asking", is_confirming_}};
 }
 
 const std::vector<std::int64_t>& PeoplePanel::best_faces(const Row& row) {

@@ -54,7 +54,7 @@ class PeoplePanel {
   bool click(cv::Point at);
   // Asks for the name of a group without showing its list.
   void name_group(std::int64_t group);
-  void shut();
+  void close();
   // Reads the list again after a change of the gallery.
   void refresh();
 
@@ -85,25 +85,26 @@ class PeoplePanel {
     cv::Rect box;
   };
 
-  void show_from_start();
+  void reset_selection();
   void open(List list);
   void open_faces();
   void back();
   void move(int by);
   void begin_typing(std::vector<std::string> proposals);
   void end_typing();
-  void ask_who();
+  void begin_naming();
   void merge();
   void split();
-  void not_these();
+  void reject_faces();
   void undo();
   void forget();
   // Calls `work` and reports an error as a message.
   void correct(const std::function<void()>& work);
-  void done(std::int64_t correction, std::string message);
-  [[nodiscard]] const Row* chosen() const;
-  [[nodiscard]] std::vector<const Row*> touched() const;  // the marked rows, or the selected one
-  [[nodiscard]] std::vector<std::int64_t> touched_ids() const;
+  void record_correction(std::int64_t correction, std::string message);
+  [[nodiscard]] const Row* selected_row() const;
+  [[nodiscard]] std::vector<const Row*> affected_rows()
+      const;  // the marked rows, or the selected one
+  [[nodiscard]] std::vector<std::int64_t> affected_ids() const;
   [[nodiscard]] face::people::CorrectionStamp stamp() const;
   [[nodiscard]] std::vector<std::string> proposals() const;
   [[nodiscard]] std::string title() const;
@@ -117,17 +118,17 @@ class PeoplePanel {
   face::people::Gallery& gallery_;
   Options options_;
   List list_ = List::kNone;
-  List from_ = List::kNone;  // for a list of faces: the list from which it was opened
-  std::int64_t group_ = 0;   // whose faces are shown, or which is being named
-  std::string person_;       // whose faces are shown
+  List parent_list_ = List::kNone;  // for a list of faces: the list from which it was opened
+  std::int64_t group_ = 0;          // whose faces are shown, or which is being named
+  std::string person_;              // whose faces are shown
   std::vector<Row> rows_;
-  std::size_t chosen_ = 0;
+  std::size_t selected_ = 0;
   std::size_t first_ = 0;  // first visible row
   std::set<std::int64_t> marked_;
   std::optional<std::string> typed_;
   std::vector<std::string> proposals_;
   std::size_t proposal_ = 0;
-  bool asking_ = false;  // asks whether to forget the selected row
+  bool is_confirming_ = false;  // asks whether to forget the selected row
   std::string message_;
   std::vector<std::int64_t> corrections_;
   bool changed_ = false;

@@ -13,9 +13,9 @@
 namespace tarsier {
 namespace {
 
-const cv::Scalar kGround{38, 34, 30};
-const cv::Scalar kChosen{95, 80, 60};
-const cv::Scalar kMarked{60, 60, 235};
+const cv::Scalar kBackground{38, 34, 30};
+const cv::Scalar kSelectedColor{95, 80, 60};
+const cv::Scalar kMarkedColor{60, 60, 235};
 const cv::Scalar kPale{170, 170, 170};
 constexpr int kThumb = 46;      // px, a face
 constexpr int kRow = 54;        // px, a row with faces
@@ -89,8 +89,8 @@ std::string PeoplePanel::title() const {
 }
 
 std::string PeoplePanel::hint() const {
-  if (asking_ && chosen() != nullptr)
-    return fmt::format("Forget {} for good?   y: yes   n: no", chosen()->title);
+  if (is_confirming_ && selected_row() != nullptr)
+    return fmt::format("Forget {} for good?   y: yes   n: no", selected_row()->title);
   switch (list_) {
     case List::kGroups:
       return "w: who it is   Enter: faces   m: mark   j: marked are this   f: forget   Esc";
@@ -112,15 +112,15 @@ void PeoplePanel::draw_rows(cv::Mat& image, const cv::Rect& area) {
   const bool log = list_ == List::kCorrections;
   const int height = log ? kLine : kRow;
   const auto room = static_cast<std::size_t>(std::max(1, area.height / height));
-  first_ = std::min(first_, chosen_);
-  if (chosen_ >= first_ + room) first_ = chosen_ + 1 - room;
+  first_ = std::min(first_, selected_);
+  if (selected_ >= first_ + room) first_ = selected_ + 1 - room;
   for (std::size_t i = first_; i < std::min(rows_.size(), first_ + room); ++i) {
     const Row& row = rows_[i];
     const cv::Rect box(area.x, area.y + static_cast<int>(i - first_) * height, area.width,
                        height - 2);
     cells_.push_back({i, box});
-    if (i == chosen_) image::draw::fill_rounded(image, box, 4, kChosen, 0.9);
-    if (marked_.contains(row.id)) cv::rectangle(image, box, kMarked, 2);
+    if (i == selected_) image::draw::fill_rounded(image, box, 4, kSelectedColor, 0.9);
+    if (marked_.contains(row.id)) cv::rectangle(image, box, kMarkedColor, 2);
     if (log) {
       write(image, fitted(row.title, 9, box.width - 12), {box.x + 6, box.y + 2}, 9);
       write(image, fitted(row.detail, 8, box.width - 12), {box.x + 6, box.y + 17}, 8, kPale);
@@ -142,31 +142,31 @@ void PeoplePanel::draw_faces(cv::Mat& image, const cv::Rect& area) {
   const auto columns = static_cast<std::size_t>(std::max(1, area.width / kCellWidth));
   const auto lines = static_cast<std::size_t>(std::max(1, area.height / kCellHeight));
   first_ = first_ / columns * columns;
-  if (chosen_ < first_) first_ = chosen_ / columns * columns;
-  if (chosen_ >= first_ + columns * lines) first_ = (chosen_ / columns + 1 - lines) * columns;
+  if (selected_ < first_) first_ = selected_ / columns * columns;
+  if (selected_ >= first_ + columns * lines) first_ = (selected_ / columns + 1 - lines) * columns;
   for (std::size_t i = first_; i < std::min(rows_.size(), first_ + columns * lines); ++i) {
     const std::size_t at = i - first_;
     const cv::Rect box(area.x + static_cast<int>(at % columns) * kCellWidth,
                        area.y + static_cast<int>(at / columns) * kCellHeight, kCellWidth - 4,
                        kCellHeight - 4);
     cells_.push_back({i, box});
-    if (i == chosen_) image::draw::fill_rounded(image, box, 4, kChosen, 0.9);
+    if (i == selected_) image::draw::fill_rounded(image, box, 4, kSelectedColor, 0.9);
     const cv::Mat& small = thumbnail(rows_[i].id);
     if (!small.empty())
       small.copyTo(image(cv::Rect(box.x + (box.width - kThumb) / 2, box.y + 3, kThumb, kThumb)));
     image::draw::put_text(image, rows_[i].title, {box.x + box.width / 2, box.br().y + 4},
                           {.height_px = 8, .backing = image::draw::Backing::kNone},
                           image::draw::Anchor::kBottom);
-    if (marked_.contains(rows_[i].id)) cv::rectangle(image, box, kMarked, 2);
+    if (marked_.contains(rows_[i].id)) cv::rectangle(image, box, kMarkedColor, 2);
   }
 }
 
-void PeoplePanel::draw(cv::Mat& image, const cv::Rect& wanted) {
+void PeoplePanel::draw(cv::Mat& image, const cv::Rect& max_area) {
   cells_.clear();
-  const cv::Rect area = wanted & cv::Rect({0, 0}, image.size());
+  const cv::Rect area = max_area & cv::Rect({0, 0}, image.size());
   if (!is_open() || area.width < 200 || area.height < kTitle + kHint + kRow) return;
   if (list_ != List::kNone) {
-    image::draw::fill_rounded(image, area, 8, kGround, 0.88);
+    image::draw::fill_rounded(image, area, 8, kBackground, 0.88);
     write(image, fitted(title(), 11, area.width - 16), {area.x + 8, area.y + 5}, 11);
     const cv::Rect inner(area.x + 6, area.y + kTitle, area.width - 12,
                          area.height - kTitle - kHint);
@@ -186,16 +186,16 @@ void PeoplePanel::draw(cv::Mat& image, const cv::Rect& wanted) {
     while (height > 6 && image::draw::text_size(keys, height).width > area.width - 12)
       height -= 0.5;
     write(image, fitted(keys, height, area.width - 12), {area.x + 8, area.br().y - kHint + 3},
-          height, asking_ ? kMarked : kPale);
+          height, is_confirming_ ? kMarkedColor : kPale);
   }
   if (!typed_) return;
   const std::string whose =
       list_ == List::kFacesOfPerson
-          ? fmt::format("Whose {} the marked faces of {}?", touched().size() == 1 ? "is" : "are",
-                        printable(person_))
+          ? fmt::format("Whose {} the marked faces of {}?",
+                        affected_rows().size() == 1 ? "is" : "are", printable(person_))
           : fmt::format("Who is group {}?", group_);
   const cv::Rect box(area.x + 10, area.y + area.height / 2 - 42, area.width - 20, 84);
-  image::draw::fill_rounded(image, box, 8, kGround, 0.95);
+  image::draw::fill_rounded(image, box, 8, kBackground, 0.95);
   cv::rectangle(image, box, kPale, 1);
   write(image, fitted(whose, 10, box.width - 16), {box.x + 8, box.y + 6}, 10);
   image::draw::put_text(

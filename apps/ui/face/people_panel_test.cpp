@@ -69,7 +69,7 @@ class PeoplePanelTest : public FolderTest {
   std::optional<PeoplePanel> panel_;
 };
 
-TEST_F(PeoplePanelTest, ShutItTakesNothing) {
+TEST_F(PeoplePanelTest, IgnoresInputWhenClosed) {
   EXPECT_FALSE(panel_->is_open());
   EXPECT_TRUE(panel_->state().is_null());
   for (const char* action :
@@ -83,7 +83,7 @@ TEST_F(PeoplePanelTest, ShutItTakesNothing) {
   EXPECT_EQ(cv::norm(image, before, cv::NORM_INF), 0);
 }
 
-TEST_F(PeoplePanelTest, AGroupIsNamedByTyping) {
+TEST_F(PeoplePanelTest, NamesAGroupByTyping) {
   EXPECT_TRUE(panel_->act("groups"));
   EXPECT_EQ(panel_->list(), List::kGroups);
   EXPECT_THAT(rows(), ElementsAre(1, 2));
@@ -108,7 +108,7 @@ TEST_F(PeoplePanelTest, AGroupIsNamedByTyping) {
   EXPECT_THAT(panel_->take_message(), IsEmpty());
 }
 
-TEST_F(PeoplePanelTest, NamesAreProposedAndCanBeLeft) {
+TEST_F(PeoplePanelTest, ProposesNamesAndCanBeCancelled) {
   panel_->name_group(1);
   EXPECT_TRUE(panel_->is_typing());
   EXPECT_EQ(panel_->list(), List::kNone);
@@ -136,7 +136,7 @@ TEST_F(PeoplePanelTest, NamesAreProposedAndCanBeLeft) {
   EXPECT_THAT(panel_->take_message(), HasSubstr("no group 77"));
 }
 
-TEST_F(PeoplePanelTest, GroupsAreMergedSplitAndPutBack) {
+TEST_F(PeoplePanelTest, MergesSplitsAndRestoresGroups) {
   panel_->act("groups");
   panel_->act("merge");
   EXPECT_THAT(panel_->take_message(), HasSubstr("mark"));
@@ -174,7 +174,7 @@ TEST_F(PeoplePanelTest, GroupsAreMergedSplitAndPutBack) {
   EXPECT_EQ(gallery_->groups().size(), 1U);
 }
 
-TEST_F(PeoplePanelTest, FacesOfAPersonAreMovedAndDenied) {
+TEST_F(PeoplePanelTest, MovesAndRejectsFacesOfAPerson) {
   panel_->act("people");
   EXPECT_EQ(panel_->state()["rows"][0]["title"], "Ann");
   panel_->act("open");
@@ -202,7 +202,7 @@ TEST_F(PeoplePanelTest, FacesOfAPersonAreMovedAndDenied) {
   EXPECT_THAT(kinds(), ElementsAre("merge", "not", "split"));
 }
 
-TEST_F(PeoplePanelTest, ForgettingAsks) {
+TEST_F(PeoplePanelTest, ForgetAsksForConfirmation) {
   panel_->act("groups");
   panel_->act("forget");
   EXPECT_EQ(panel_->state()["asking"], true);
@@ -223,7 +223,7 @@ TEST_F(PeoplePanelTest, ForgettingAsks) {
   EXPECT_THAT(gallery_->people(), IsEmpty());
 }
 
-TEST_F(PeoplePanelTest, WhatIsGoneMeanwhileIsSaid) {
+TEST_F(PeoplePanelTest, ReportsEntriesDeletedMeanwhile) {
   panel_->act("groups");
   face::people::Gallery other(path("p.db"));
   ASSERT_TRUE(other.forget_group(1, {}));
@@ -234,7 +234,7 @@ TEST_F(PeoplePanelTest, WhatIsGoneMeanwhileIsSaid) {
   EXPECT_THAT(rows(), ElementsAre(2));
 }
 
-TEST_F(PeoplePanelTest, ItIsDrawnAndAnswersTheMouse) {
+TEST_F(PeoplePanelTest, DrawsItselfAndHandlesClicks) {
   for (const cv::Size size : {cv::Size(560, 420), cv::Size(1280, 720), cv::Size(330, 420)}) {
     cv::Mat image(size, CV_8UC3, cv::Scalar::all(90));
     const cv::Rect area(120, 10, size.width - 130, size.height - 20);
@@ -245,7 +245,7 @@ TEST_F(PeoplePanelTest, ItIsDrawnAndAnswersTheMouse) {
       if (panel_->list() != List::kNone && area.width > 208)
         EXPECT_GT(cv::norm(image(area), before(area), cv::NORM_INF), 20) << list;
       EXPECT_EQ(cv::norm(image.colRange(0, area.x), before.colRange(0, area.x), cv::NORM_INF), 0);
-      panel_->shut();
+      panel_->close();
     }
   }
   cv::Mat image(420, 560, CV_8UC3, cv::Scalar::all(90));
@@ -255,10 +255,10 @@ TEST_F(PeoplePanelTest, ItIsDrawnAndAnswersTheMouse) {
   const cv::Rect second = panel_->row_box(1);
   ASSERT_FALSE(second.empty());
   EXPECT_TRUE(panel_->row_box(2).empty());
-  const cv::Point middle = (second.tl() + second.br()) / 2;
-  EXPECT_TRUE(panel_->click(middle));
+  const cv::Point center = (second.tl() + second.br()) / 2;
+  EXPECT_TRUE(panel_->click(center));
   EXPECT_EQ(panel_->state()["chosen"], 1);
-  EXPECT_TRUE(panel_->click(middle));  // chosen already: marked
+  EXPECT_TRUE(panel_->click(center));  // chosen already: marked
   EXPECT_EQ(panel_->state()["rows"][1]["marked"], true);
   EXPECT_FALSE(panel_->click({5, 5}));
   panel_->act("open");

@@ -29,8 +29,8 @@ constexpr NameTable<PeopleMode, 5> kModes{"mode",
 constexpr int kFlashFrames = 3;
 // Training work per frame, in the units of GalleryTraining::work(): before there is a first model,
 // and during recognition.
-constexpr double kFirstWork = 300;
-constexpr double kWork = 60;
+constexpr double kInitialTrainingWork = 300;
+constexpr double kTrainingWork = 60;
 
 face::people::Gallery& gallery_of(const face::IdentifierState& state) {
   TARSIER_REQUIRE(state.gallery() != nullptr, "a session enrols people into a gallery");
@@ -78,14 +78,14 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   if (source_of(frame) != collected_from_) collector_.reset();
   collected_from_ = source_of(frame);
   source_name_ = frame.name;
-  source_ = trouble_of(source);
+  source_ = source_warning(source);
   frame_ = frame.image;
   if (flash_ > 0) --flash_;
   if (mode_ == PeopleMode::kStart) {
     mode_ = identity_.recognizer() != nullptr ? PeopleMode::kRecognize : PeopleMode::kDetect;
     if (mode_ == PeopleMode::kDetect && gallery_.face_count_up_to(1) > 0) train();
   } else if (training_) {
-    learn();
+    train_step();
   }
   follow();
   timer_.start();
@@ -101,7 +101,7 @@ View PeopleSession::on_frame(const Frame& frame, const SourceStatus& source) {
   if (mode_ == PeopleMode::kRecognize) identifier_.identify(faces_, identity_);
   find_groups();
   timer_.stop();
-  place_more();
+  continue_grouping();
   return view(true);
 }
 
@@ -127,11 +127,12 @@ void PeopleSession::train() {
 }
 
 // Does a part of the training: a frame never waits for all of it.
-void PeopleSession::learn() {
+void PeopleSession::train_step() {
   NoProgress progress;
   const bool first = identity_.recognizer() == nullptr;
   try {
-    for (double work = 0; work < (first ? kFirstWork : kWork); work += training_->work()) {
+    for (double work = 0; work < (first ? kInitialTrainingWork : kTrainingWork);
+         work += training_->work()) {
       if (training_->step(progress, {})) continue;
       identity_.replace(training_->take());
       training_.reset();
@@ -179,7 +180,7 @@ void PeopleSession::reload_people() {
 }
 
 View PeopleSession::on_idle(const SourceStatus& source) {
-  source_ = trouble_of(source);
+  source_ = source_warning(source);
   return view(false);
 }
 
@@ -202,33 +203,33 @@ std::vector<Action> PeopleSession::actions() const {
                           {"not", "the largest face is not this person", 'x'},
                           {"undo", "undo the last correction", 'u'}};
   for (Action& action : PeoplePanel::actions()) all.push_back(std::move(action));
-  return controls_.after(std::move(all));
+  return controls_.append_to(std::move(all));
 }
 
 void PeopleSession::act(const std::string& name) {
   if (name.empty()) return;
-  if (!asking_ && act_in_panel([&] { return panel_.act(name); })) {
-    if (name == "groups" && panel_.list() == PeoplePanel::List::kGroups) place_unknown();
+  if (!is_confirming_ && act_in_panel([&] { return panel_.act(name); })) {
+    if (name == "groups" && panel_.list() == PeoplePanel::List::kGroups) start_grouping();
     return;
   }
-  const bool was_asked = std::exchange(asking_, false);
-  if (name == "confirm" && was_asked) delete_all();
-  if (name == "cancel" && was_asked) message_ = "nobody was deleted";
+  const bool was_confirming = std::exchange(is_confirming_, false);
+  if (name == "confirm" && was_confirming) delete_all();
+  if (name == "cancel" && was_confirming) message_ = "nobody was deleted";
   if (name == "add") add_person();
   if (name == "delete") {
-    asking_ = !people_.empty();
+    is_confirming_ = !people_.empty();
     message_ = people_.empty() ? "nobody is enrolled" : "";
   }
   if (name == "debug") debug_ = !debug_;
   if (name == "train") end_collecting();
-  if (name == "not") not_this_person();
+  if (name == "not") reject_name();
   if (name == "undo") undo();
   if (name == "name") name_largest();
   controls_.act(name);
 }
 
 // The largest named face, or the one that would be named, is not that person.
-void PeopleSession::not_this_person() {
+void PeopleSession::reject_name() {
   if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().identity.label.empty()) {
     message_ = "nobody is named: there is nothing to correct";
     return;
@@ -261,11 +262,11 @@ void PeopleSession::undo() {
   } catch (const InputError& error) {  // undone by another program, or the person was forgotten
     message_ = error.what();
   }
-  corrected();
+  on_correction();
 }
 
 void PeopleSession::click(cv::Point at) {
-  if (asking_) {  // only its own buttons answer the question
+  if (is_confirming_) {  // only its own buttons answer the question
     if (button_box("confirm").contains(at)) return act("confirm");
     return act("cancel");
   }
@@ -274,23 +275,23 @@ void PeopleSession::click(cv::Point at) {
     if (button_box(button).contains(at)) return act(button);
   for (std::size_t i = 0; i < people_.size(); ++i)
     if (strip_box(i).contains(at)) return collect_for(static_cast<int>(i));
-  if (panel_.is_open()) return panel_.shut();
+  if (panel_.is_open()) return panel_.close();
   end_collecting();
 }
 
 void PeopleSession::add_person() {
   // At most one person without faces: use it again.
   if (pending_.empty()) {
-    std::set<std::string> taken;
-    for (const Enrolled& person : people_) taken.insert(person.name);
+    std::set<std::string> used_names;
+    for (const Enrolled& person : people_) used_names.insert(person.name);
     for (const std::string& name : options_.names) {
-      if (taken.contains(name)) continue;
+      if (used_names.contains(name)) continue;
       pending_ = name;
       break;
     }
     for (int number = 1; pending_.empty(); ++number) {
       const std::string name = fmt::format("Person {}", number);
-      if (!taken.contains(name)) pending_ = name;
+      if (!used_names.contains(name)) pending_ = name;
     }
     people_.push_back({pending_, 0, {}});
   }
@@ -298,7 +299,7 @@ void PeopleSession::add_person() {
 }
 
 void PeopleSession::collect_for(int person) {
-  panel_.shut();
+  panel_.close();
   collecting_ = person;
   collector_ = face::people::Collector(options_.collect);
   mode_ = PeopleMode::kCollect;
@@ -321,7 +322,7 @@ void PeopleSession::end_collecting() {
 void PeopleSession::delete_all() {
   training_.reset();
   grouping_.reset();
-  panel_.shut();
+  panel_.close();
   const auto report = gallery_.forget_all({});
   pending_.clear();
   collecting_ = -1;

@@ -87,7 +87,7 @@ class PeopleSession final : public Session {
   [[nodiscard]] const std::vector<std::int64_t>& groups() const { return groups_; }
   [[nodiscard]] const PeoplePanel& panel() const { return panel_; }
   // The host has stored a tracked face of the latest frame as this sighting.
-  void stored(int face, std::int64_t sighting);
+  void on_sighting_stored(int face, std::int64_t sighting);
   // Counts pending sightings and groups after sightings were stored.
   void count_unknown();
   [[nodiscard]] double milliseconds() const { return timer_.last_ms(); }
@@ -110,20 +110,20 @@ class PeopleSession final : public Session {
   void collect_for(int person);
   void end_collecting();
   void delete_all();
-  void not_this_person();
+  void reject_name();
   void undo();
   void train();
-  void learn();
+  void train_step();
   void follow();
   [[nodiscard]] bool people_changed() const;
   void reload_people();
   void collect();
   // people_session_groups.cpp
-  void place_unknown();
-  void place_more();
+  void start_grouping();
+  void continue_grouping();
   void find_groups();
   void name_largest();
-  void corrected();
+  void on_correction();
   [[nodiscard]] bool act_in_panel(const std::function<bool()>& work);
   [[nodiscard]] face::people::CorrectionStamp stamp() const;
   // people_draw.cpp
@@ -135,7 +135,7 @@ class PeopleSession final : public Session {
   void draw_debug();
   [[nodiscard]] std::string prompt() const;
   [[nodiscard]] std::string help_line() const;
-  [[nodiscard]] std::string unknown_words() const;
+  [[nodiscard]] std::string unknown_text() const;
   [[nodiscard]] double scale() const;
   [[nodiscard]] cv::Size image_size() const;  // of the frame in the view
   [[nodiscard]] cv::Rect panel_area() const;
@@ -160,21 +160,21 @@ class PeopleSession final : public Session {
   std::string collected_from_;  // source_of() of the latest frame
   FrameTimer timer_;
   int flash_ = 0;  // remaining frames
-  bool asking_ = false;
+  bool is_confirming_ = false;
   std::vector<std::int64_t> corrections_;  // made in this window and still in effect
   PeoplePanel panel_;
   std::optional<face::people::SightingGrouping> grouping_;  // running
   std::optional<face::people::GroupFinder> finder_;         // created when first needed
   std::int64_t finder_generation_ = -1;  // generation of the gallery when the finder read it
   std::vector<std::int64_t> groups_;     // of faces_
-  struct Followed {
+  struct TrackedUnknown {
     std::int64_t sighting = 0;  // 0: not stored yet
     std::int64_t group = 0;
-    int looked = 0;  // frames since the last search for the group
+    int frames_since_search = 0;  // frames since the last search for the group
   };
-  std::map<int, Followed> followed_;  // unknown faces by id
+  std::map<int, TrackedUnknown> tracked_unknowns_;  // unknown faces by id
   std::int64_t group_count_ = 0;
-  std::int64_t waiting_ = 0;  // sightings in no group
+  std::int64_t ungrouped_count_ = 0;  // sightings in no group
   bool debug_ = false;
   SessionControls controls_{true};
   cv::Mat frame_;

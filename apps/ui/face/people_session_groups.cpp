@@ -14,9 +14,9 @@ namespace tarsier {
 namespace {
 
 // Sightings grouped per frame: a deep template takes about 10 ms.
-constexpr int kPlaced = 4;
+constexpr int kSightingsPerFrame = 4;
 // Frames until the group of a tracked face without a group is searched again.
-constexpr int kLookAgain = 25;
+constexpr int kSearchInterval = 25;
 
 }  // namespace
 
@@ -26,18 +26,18 @@ face::people::CorrectionStamp PeopleSession::stamp() const {
 
 void PeopleSession::count_unknown() {
   group_count_ = static_cast<std::int64_t>(gallery_.groups().size());
-  waiting_ = gallery_.ungrouped_count();
+  ungrouped_count_ = gallery_.ungrouped_count();
 }
 
-void PeopleSession::stored(int face, std::int64_t sighting) {
-  Followed& one = followed_[face];
+void PeopleSession::on_sighting_stored(int face, std::int64_t sighting) {
+  TrackedUnknown& one = tracked_unknowns_[face];
   if (one.sighting == sighting) return;
   one.sighting = sighting;
   count_unknown();
 }
 
 // Starts grouping pending sightings; the following frames continue it.
-void PeopleSession::place_unknown() {
+void PeopleSession::start_grouping() {
   if (grouping_ || gallery_.ungrouped_count() == 0) return;
   const face::recognition::Background* background = identity_.background();
   if (background == nullptr || background->basis.rows() == 0) {
@@ -47,10 +47,10 @@ void PeopleSession::place_unknown() {
   grouping_.emplace(gallery_, *background, face::people::GroupingOptions{});
 }
 
-void PeopleSession::place_more() {
+void PeopleSession::continue_grouping() {
   if (!grouping_) return;
-  if (grouping_->step({}, kPlaced)) {
-    waiting_ = grouping_->pending();
+  if (grouping_->step({}, kSightingsPerFrame)) {
+    ungrouped_count_ = grouping_->pending();
     return;
   }
   const face::people::GroupingReport report = grouping_->report();
@@ -58,7 +58,7 @@ void PeopleSession::place_more() {
   message_ = fmt::format("{} unknown face{} placed, {} new group{}", report.assigned,
                          report.assigned == 1 ? "" : "s", report.new_groups,
                          report.new_groups == 1 ? "" : "s");
-  for (auto& [id, face] : followed_) face.looked = 0;
+  for (auto& [id, face] : tracked_unknowns_) face.frames_since_search = 0;
   finder_generation_ = -1;
   count_unknown();
   panel_.refresh();
@@ -67,7 +67,7 @@ void PeopleSession::place_more() {
 // The group of each unknown face: that of its sighting, else the one that it resembles.
 void PeopleSession::find_groups() {
   groups_.assign(faces_.size(), 0);
-  std::map<int, Followed> still_there;
+  std::map<int, TrackedUnknown> still_there;
   const face::recognition::Background* background = identity_.background();
   const bool has_groups =
       group_count_ > 0 && background != nullptr && background->basis.rows() > 0 && !grouping_;
@@ -76,29 +76,30 @@ void PeopleSession::find_groups() {
     if (const std::int64_t now = gallery_.generation(); now != finder_generation_) {
       finder_->invalidate();
       finder_generation_ = now;
-      for (auto& [id, face] : followed_) face.looked = 0;
+      for (auto& [id, face] : tracked_unknowns_) face.frames_since_search = 0;
     }
   }
   const bool names = mode_ == PeopleMode::kRecognize || mode_ == PeopleMode::kDetect;
   for (std::size_t i = 0; i < faces_.size(); ++i) {
     const face::IdentifiedFace& face = faces_[i];
-    Followed one;
-    if (const auto old = followed_.find(face.face.id); face.face.id > 0 && old != followed_.end())
+    TrackedUnknown one;
+    if (const auto old = tracked_unknowns_.find(face.face.id);
+        face.face.id > 0 && old != tracked_unknowns_.end())
       one = old->second;
     if (names && !face.identity.known && has_groups) {
-      if (one.looked == 0) {
+      if (one.frames_since_search == 0) {
         one.group = 0;
         if (one.sighting > 0)
           if (const auto sighting = gallery_.sighting(one.sighting)) one.group = sighting->group;
         if (one.group == 0)
           one.group = finder_->find(face.face.crop, face.face.quality.score(), {});
       }
-      one.looked = (one.looked + 1) % kLookAgain;
+      one.frames_since_search = (one.frames_since_search + 1) % kSearchInterval;
       groups_[i] = one.group;
     }
     if (face.face.id > 0) still_there[face.face.id] = one;
   }
-  followed_ = std::move(still_there);
+  tracked_unknowns_ = std::move(still_there);
 }
 
 void PeopleSession::name_largest() {
@@ -113,14 +114,15 @@ void PeopleSession::name_largest() {
 
 bool PeopleSession::act_in_panel(const std::function<bool()>& work) {
   const bool done = work();
-  if (std::string said = panel_.take_message(); !said.empty()) message_ = printable(said);
+  if (std::string panel_message = panel_.take_message(); !panel_message.empty())
+    message_ = printable(panel_message);
   for (const std::int64_t id : panel_.take_corrections()) corrections_.push_back(id);
-  if (panel_.take_changed()) corrected();
+  if (panel_.take_changed()) on_correction();
   return done;
 }
 
 // A correction was made here: it takes effect now.
-void PeopleSession::corrected() {
+void PeopleSession::on_correction() {
   grouping_.reset();  // it may group a sighting that now belongs to a person
   follow();
   reload_people();

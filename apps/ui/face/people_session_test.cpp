@@ -96,7 +96,7 @@ class PeopleSessionTest : public FolderTest {
   std::optional<face::people::GalleryFollower> follower_;
 };
 
-TEST_F(PeopleSessionTest, StartsByLookingForFaces) {
+TEST_F(PeopleSessionTest, StartsInDetectMode) {
   face::people::Gallery gallery(path("p.db"));
   PeopleSession session(opened(gallery), {});
   EXPECT_EQ(session.mode(), PeopleMode::kStart);
@@ -107,7 +107,7 @@ TEST_F(PeopleSessionTest, StartsByLookingForFaces) {
   EXPECT_TRUE(session.on_event(key_event(key::kEscape)).finished);
 }
 
-TEST_F(PeopleSessionTest, WhoIsLearnedIsNamedFromTheFirstFrameOn) {
+TEST_F(PeopleSessionTest, RecognizesFromTheFirstFrameWithAModel) {
   face::people::Gallery gallery(path("p.db"));
   for (int i = 0; i < 3; ++i) {
     gallery.enroll("Ann", "", face(i));
@@ -123,7 +123,7 @@ TEST_F(PeopleSessionTest, WhoIsLearnedIsNamedFromTheFirstFrameOn) {
   EXPECT_THROW(PeopleSession(face::IdentifierState(reader(), nullptr), {}), std::invalid_argument);
 }
 
-TEST_F(PeopleSessionTest, AtMostOnePersonWithoutFaces) {
+TEST_F(PeopleSessionTest, AddsAtMostOnePersonWithoutFaces) {
   face::people::Gallery gallery(path("p.db"));
   PeopleSessionOptions options;
   options.names = {"Ann"};
@@ -141,7 +141,7 @@ TEST_F(PeopleSessionTest, AtMostOnePersonWithoutFaces) {
   EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("no face"));
 }
 
-TEST_F(PeopleSessionTest, DeleteAllAsksFirst) {
+TEST_F(PeopleSessionTest, DeleteAllAsksForConfirmation) {
   face::people::Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", face(1));
   gallery.enroll("Ben", "", face(2));
@@ -162,7 +162,7 @@ TEST_F(PeopleSessionTest, DeleteAllAsksFirst) {
   EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("nothing is left"));
 }
 
-TEST_F(PeopleSessionTest, FisherfacesWithOnePersonIsSaid) {
+TEST_F(PeopleSessionTest, ReportsThatFisherfacesNeedsTwoPeople) {
   face::people::Gallery gallery(path("p.db"));
   for (int i = 0; i < 3; ++i) gallery.enroll("Ann", "", face(i));
   gallery.set_algorithm("fisher");
@@ -179,7 +179,7 @@ TEST_F(PeopleSessionTest, FisherfacesWithOnePersonIsSaid) {
   EXPECT_EQ(view.state["mode"], "recognize");
 }
 
-TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
+TEST_F(PeopleSessionTest, CollectsAndShowsAFaceOnce) {
   if (landmark_model() == nullptr || !std::filesystem::exists(kImage))
     GTEST_SKIP() << "needs models/landmarks68.json and the package opencv-doc";
   const cv::Mat image = read_image(kImage);
@@ -205,7 +205,7 @@ TEST_F(PeopleSessionTest, AFaceIsTakenShownAndKnownAgain) {
   EXPECT_GT(view.image.at<cv::Vec3b>(strip.y - 2, strip.x + 5)[2], 200);  // red: being collected
 }
 
-TEST_F(PeopleSessionTest, GivesTheStagesOfAFaceToWhoLooks) {
+TEST_F(PeopleSessionTest, PassesStagesToAWatchingSink) {
   if (landmark_model() == nullptr || !std::filesystem::exists(kImage))
     GTEST_SKIP() << "needs models/landmarks68.json and the package opencv-doc";
   const cv::Mat image = read_image(kImage);
@@ -223,7 +223,7 @@ TEST_F(PeopleSessionTest, GivesTheStagesOfAFaceToWhoLooks) {
 }
 
 // "Not this person" holds from the next frame on, and is taken back by a key.
-TEST_F(PeopleSessionTest, ANameIsCorrectedByAKey) {
+TEST_F(PeopleSessionTest, KeysCorrectANameAndUndoIt) {
   if (landmark_model() == nullptr || !std::filesystem::exists(kImage))
     GTEST_SKIP() << "needs models/landmarks68.json and the package opencv-doc";
   const cv::Mat image = read_image(kImage);
@@ -265,7 +265,7 @@ TEST_F(PeopleSessionTest, ANameIsCorrectedByAKey) {
 }
 
 // An unknown face shows the group of its sighting, or the one that it is like; a key names it.
-TEST_F(PeopleSessionTest, UnknownFacesAreGroupedAndNamedInTheWindow) {
+TEST_F(PeopleSessionTest, GroupsUnknownFacesAndNamesThem) {
   if (landmark_model() == nullptr || !std::filesystem::exists(kImage))
     GTEST_SKIP() << "needs models/landmarks68.json and the package opencv-doc";
   const face::recognition::Background general =
@@ -282,7 +282,7 @@ TEST_F(PeopleSessionTest, UnknownFacesAreGroupedAndNamedInTheWindow) {
   // The host keeps who was seen.
   const face::people::Face& seen = session.faces().at(0).face;
   const face::people::SightingFace kept{seen.crop.clone(), seen.quality.score(), "{}"};
-  session.stored(seen.id, gallery.add_sighting(1000, "camera", "", false, 0, &kept));
+  session.on_sighting_stored(seen.id, gallery.add_sighting(1000, "camera", "", false, 0, &kept));
   view = session.on_frame(frame(image, 1), live_);
   EXPECT_EQ(view.state["unknown"]["waiting"], 1);
   EXPECT_THAT(view.image.cols, ::testing::Gt(image.cols));
@@ -321,7 +321,7 @@ TEST_F(PeopleSessionTest, UnknownFacesAreGroupedAndNamedInTheWindow) {
 }
 
 // Merged in the list meanwhile: there are fewer people than before.
-TEST_F(PeopleSessionTest, WhoIsCollectedStaysTheSameWhileOthersAreCorrected) {
+TEST_F(PeopleSessionTest, KeepsTheCollectedPersonWhenOthersAreMerged) {
   face::people::Gallery gallery(path("p.db"));
   for (const char* name : {"Ann", "Ben", "Cid", "Dan"}) gallery.enroll(name, "", face(name[0]));
   PeopleSession session(opened(gallery), {});
@@ -337,7 +337,7 @@ TEST_F(PeopleSessionTest, WhoIsCollectedStaysTheSameWhileOthersAreCorrected) {
 }
 
 // Who was to be added is enrolled by another program: they are shown once.
-TEST_F(PeopleSessionTest, APersonWithoutFacesWhoIsEnrolledElsewhereIsShownOnce) {
+TEST_F(PeopleSessionTest, ShowsAPersonEnrolledByAnotherProgramOnce) {
   face::people::Gallery gallery(path("p.db"));
   for (const char* name : {"Ann", "Ben"}) gallery.enroll(name, "", face(name[0]));
   PeopleSessionOptions options;
@@ -352,7 +352,7 @@ TEST_F(PeopleSessionTest, APersonWithoutFacesWhoIsEnrolledElsewhereIsShownOnce) 
 }
 
 // What is learned is learned a piece in each frame: none waits for all of it.
-TEST_F(PeopleSessionTest, LearningIsSpreadOverFrames) {
+TEST_F(PeopleSessionTest, SpreadsTrainingOverFrames) {
   const auto set = face::recognition::synthetic_faces(20, 2, 0.3, 5, 0, {128, 160});
   face::people::Gallery gallery(path("p.db"));
   for (std::size_t i = 0; i < set.faces.size(); ++i) {
@@ -380,7 +380,7 @@ TEST_F(PeopleSessionTest, LearningIsSpreadOverFrames) {
   EXPECT_EQ(view.state["people"].size(), 22U);  // Ann, and the one without faces yet
 }
 
-TEST_F(PeopleSessionTest, WhoIsForgottenByAnotherProgramIsNamedNoMore) {
+TEST_F(PeopleSessionTest, ForgetsPeopleDeletedByAnotherProgram) {
   const auto set = face::recognition::synthetic_faces(3, 3, 0.3, 5, 0, {128, 160});
   face::people::Gallery gallery(path("p.db"));
   for (std::size_t i = 0; i < set.faces.size(); ++i) {
@@ -416,7 +416,7 @@ TEST_F(PeopleSessionTest, WhoIsForgottenByAnotherProgramIsNamedNoMore) {
 }
 
 // Clips one after the other, each with its own part of the frames.
-class Clips final : public FrameSource {
+class ClipSource final : public FrameSource {
  public:
   void add(const std::string& path, int first, int last) {
     const auto source = open_source(path);
@@ -450,7 +450,7 @@ class Clips final : public FrameSource {
   std::vector<std::string> skipped_;
 };
 
-TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
+TEST_F(PeopleSessionTest, RecognizesEnrolledPeopleAndRejectsUnknownOnes) {
   TARSIER_LONG_TEST();
   const char* data = std::getenv("TARSIER_DATA");
   const std::string grid = std::string(data != nullptr ? data : "") + "/face-videos/grid/";
@@ -462,7 +462,7 @@ TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
   PeopleSessionOptions options;
   options.names = {"Ann", "Ben"};
   PeopleSession session(opened(gallery, &general, shipped_reader()), options);
-  Clips clips;
+  ClipSource clips;
   std::vector<std::int64_t> from;  // each clip's first frame
   const auto add = [&](const std::string& name, int first, int last) {
     from.push_back(clips.size());
@@ -475,10 +475,10 @@ TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
   add("lrwp9a.mpg", 0, 45);
   add("lbbc2a.mpg", 0, 45);
   ScriptedHost host(session, clips);
-  host.at(from[0] + 1, click(session.button_box("add")));
-  host.at(from[1], action_event("add"));
-  host.at(from[2], action_event("train"));
-  for (const std::int64_t frame : from) host.keep(frame + 30);
+  host.schedule(from[0] + 1, click(session.button_box("add")));
+  host.schedule(from[1], action_event("add"));
+  host.schedule(from[2], action_event("train"));
+  for (const std::int64_t frame : from) host.keep_images(frame + 30);
   const auto& steps = host.run();
   EXPECT_EQ(gallery.people().size(), 2U);
   EXPECT_GE(gallery.face_count(), 4);
@@ -506,7 +506,7 @@ TEST_F(PeopleSessionTest, TwoAreEnrolledAndKnownAThirdIsUnknown) {
   }
 }
 
-TEST_F(PeopleSessionTest, WithoutStatusThereIsNoRoomForIt) {
+TEST_F(PeopleSessionTest, WithoutStatusDrawsNoBar) {
   face::people::Gallery gallery(path("p.db"));
   PeopleSession session(opened(gallery), {});
   session.draw_status(false);

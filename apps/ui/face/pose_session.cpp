@@ -163,6 +163,6 @@ nlohmann::json PoseSession::state() const {
           {"draw", name_of(options_.overlay)}};
 }
 
-std::string PoseSession::status() const { return counted(faces().size(), "face"); }
+std::string PoseSession::status() const { return count_text(faces().size(), "face"); }
 
 }  // namespace tarsier

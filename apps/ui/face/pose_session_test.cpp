@@ -31,7 +31,7 @@ const face::PoseModels& models() {
   return shared;
 }
 
-class Pose : public ::testing::Test {
+class PoseSessionTest : public ::testing::Test {
  protected:
   void SetUp() override {
     if (!std::filesystem::exists(kMessi)) GTEST_SKIP() << "needs the package opencv-doc";
@@ -52,34 +52,35 @@ class Pose : public ::testing::Test {
   cv::Mat image_;
 };
 
-TEST_F(Pose, AStillFaceHasAPoseAndItsMirrorImageTheMirroredOne) {
-  PoseSession poser = session();
-  const View view = poser.on_frame(frame(), {});
-  ASSERT_EQ(poser.faces().size(), 1U);
-  ASSERT_TRUE(poser.faces()[0].pose);
-  const face::head::HeadAngles angles = poser.faces()[0].pose->angles;
+TEST_F(PoseSessionTest, MirroredImageHasTheMirroredPose) {
+  PoseSession pose_session = session();
+  const View view = pose_session.on_frame(frame(), {});
+  ASSERT_EQ(pose_session.faces().size(), 1U);
+  ASSERT_TRUE(pose_session.faces()[0].pose);
+  const face::head::HeadAngles angles = pose_session.faces()[0].pose->angles;
   // He looks down and to image right.
   EXPECT_NEAR(angles.yaw_deg, -33, 15);
   EXPECT_NEAR(angles.pitch_deg, -20, 12);
   EXPECT_GT(cv::norm(view.output, image_, cv::NORM_INF), 50);  // axes are drawn
-  const Eigen::Vector3d place = poser.faces()[0].pose->camera_from_head.translation;
+  const Eigen::Vector3d place = pose_session.faces()[0].pose->camera_from_head.translation;
   // The face is left of the image's middle.
   EXPECT_LT(place[0], 0);
   EXPECT_GT(place[2], 1000);
 
   cv::flip(image_, image_, 1);
-  (void)poser.on_frame(frame(), {});
-  ASSERT_EQ(poser.faces().size(), 1U);
-  const face::head::HeadAngles mirrored = poser.faces()[0].pose->angles;
+  (void)pose_session.on_frame(frame(), {});
+  ASSERT_EQ(pose_session.faces().size(), 1U);
+  const face::head::HeadAngles mirrored = pose_session.faces()[0].pose->angles;
   EXPECT_NEAR(mirrored.yaw_deg, -angles.yaw_deg, 6);
   EXPECT_NEAR(mirrored.roll_deg, -angles.roll_deg, 4);
   EXPECT_NEAR(mirrored.pitch_deg, angles.pitch_deg, 6);
 }
 
-TEST_F(Pose, JsonIsAsDocumented) {
-  PoseSession poser = session();
-  (void)poser.on_frame(frame(), {});
-  const nlohmann::ordered_json list = face::posed_faces_json(poser.faces(), poser.result().tracked);
+TEST_F(PoseSessionTest, JsonHasTheDocumentedKeys) {
+  PoseSession pose_session = session();
+  (void)pose_session.on_frame(frame(), {});
+  const nlohmann::ordered_json list =
+      face::posed_faces_json(pose_session.faces(), pose_session.result().tracked);
   ASSERT_EQ(list.size(), 1U);
   for (const char* key :
        {"box", "points", "score", "rotation", "translation", "yaw", "pitch", "roll"}) {
@@ -95,15 +96,15 @@ TEST_F(Pose, JsonIsAsDocumented) {
   }
 }
 
-TEST_F(Pose, AVideoKeepsTheIdAndComesToRest) {
-  PoseSession poser = session();
+TEST_F(PoseSessionTest, KeepsTheIdAndConvergesInAVideo) {
+  PoseSession pose_session = session();
   face::head::HeadAngles last;
   for (int i = 0; i < 12; ++i) {
-    (void)poser.on_frame(frame(i, false), {});
-    ASSERT_EQ(poser.faces().size(), 1U) << i;
-    EXPECT_EQ(poser.faces()[0].face.id, 1);
-    ASSERT_TRUE(poser.faces()[0].pose) << i;
-    const face::head::HeadAngles now = poser.faces()[0].pose->angles;
+    (void)pose_session.on_frame(frame(i, false), {});
+    ASSERT_EQ(pose_session.faces().size(), 1U) << i;
+    EXPECT_EQ(pose_session.faces()[0].face.id, 1);
+    ASSERT_TRUE(pose_session.faces()[0].pose) << i;
+    const face::head::HeadAngles now = pose_session.faces()[0].pose->angles;
     if (i > 6) {
       EXPECT_NEAR(now.yaw_deg, last.yaw_deg, 0.5) << i;
       EXPECT_NEAR(now.pitch_deg, last.pitch_deg, 0.5) << i;
@@ -113,15 +114,15 @@ TEST_F(Pose, AVideoKeepsTheIdAndComesToRest) {
   // The face goes and comes back.
   const cv::Mat face = image_.clone();
   image_.setTo(cv::Scalar::all(90));
-  for (int i = 12; i < 16; ++i) (void)poser.on_frame(frame(i, false), {});
-  EXPECT_TRUE(poser.faces().empty());
+  for (int i = 12; i < 16; ++i) (void)pose_session.on_frame(frame(i, false), {});
+  EXPECT_TRUE(pose_session.faces().empty());
   image_ = face;
-  for (int i = 16; i < 32; ++i) (void)poser.on_frame(frame(i, false), {});
-  ASSERT_EQ(poser.faces().size(), 1U);
-  EXPECT_NEAR(poser.faces()[0].pose->angles.yaw_deg, last.yaw_deg, 5);
+  for (int i = 16; i < 32; ++i) (void)pose_session.on_frame(frame(i, false), {});
+  ASSERT_EQ(pose_session.faces().size(), 1U);
+  EXPECT_NEAR(pose_session.faces()[0].pose->angles.yaw_deg, last.yaw_deg, 5);
 }
 
-TEST_F(Pose, GivesTheStagesToWhoLooks) {
+TEST_F(PoseSessionTest, PassesStagesToAWatchingSink) {
   testing::WatchedStages stages;
   PoseSession watched(face::PoseTracker(models(), {}), {}, &stages);
   PoseSession plain = session();
@@ -142,7 +143,7 @@ TEST_F(Pose, GivesTheStagesToWhoLooks) {
   }
 }
 
-TEST_F(Pose, ADrawnObjectIsHiddenBehindTheHead) {
+TEST_F(PoseSessionTest, HeadOccludesTheDrawnObject) {
   PoseSessionOptions options;
   options.overlay = PoseOverlay::kObject;
   render::Mesh ball = render::make_sphere(20, {0, 0, 1});
@@ -158,7 +159,7 @@ TEST_F(Pose, ADrawnObjectIsHiddenBehindTheHead) {
   EXPECT_EQ(cv::norm(hidden.output, image_, cv::NORM_INF), 0);
 }
 
-TEST_F(Pose, ACameraIsMadeToFitSmallerImagesButNotOthers) {
+TEST_F(PoseSessionTest, ScalesTheCameraToSmallerImagesOfTheSameAspect) {
   face::PoseTrackerOptions options;
   options.camera = face::head::guess_camera(image_.size());
   options.camera->width *= 2;
@@ -176,18 +177,18 @@ TEST_F(Pose, ACameraIsMadeToFitSmallerImagesButNotOthers) {
   EXPECT_THROW((void)other.on_frame(frame(), {}), InputError);
 }
 
-TEST_F(Pose, KeysSwitchWhatIsDrawnAndEnd) {
-  PoseSession poser = session();
-  (void)poser.on_frame(frame(), {});
-  EXPECT_EQ(poser.on_event(key_event('v')).state["draw"], "box");
-  EXPECT_EQ(poser.on_event(key_event('v')).state["draw"], "head");
-  EXPECT_EQ(poser.on_event(key_event('v')).state["draw"], "none");
-  EXPECT_EQ(poser.on_event(action_event("draw")).state["draw"], "axes");
-  EXPECT_FALSE(poser.on_event(key_event('d')).finished);
-  EXPECT_TRUE(poser.on_event(key_event('q')).finished);
+TEST_F(PoseSessionTest, KeysSwitchTheOverlayAndQuit) {
+  PoseSession pose_session = session();
+  (void)pose_session.on_frame(frame(), {});
+  EXPECT_EQ(pose_session.on_event(key_event('v')).state["draw"], "box");
+  EXPECT_EQ(pose_session.on_event(key_event('v')).state["draw"], "head");
+  EXPECT_EQ(pose_session.on_event(key_event('v')).state["draw"], "none");
+  EXPECT_EQ(pose_session.on_event(action_event("draw")).state["draw"], "axes");
+  EXPECT_FALSE(pose_session.on_event(key_event('d')).finished);
+  EXPECT_TRUE(pose_session.on_event(key_event('q')).finished);
 }
 
-TEST_F(Pose, RefusesToDrawNoObject) {
+TEST_F(PoseSessionTest, RefusesTheObjectOverlayWithoutAnObject) {
   PoseSessionOptions options;
   options.overlay = PoseOverlay::kObject;  // but no object
   EXPECT_THROW((void)session(options), std::invalid_argument);

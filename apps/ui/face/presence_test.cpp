@@ -21,7 +21,7 @@ std::vector<std::string> words(const std::vector<PresenceChange>& changes) {
   return words;
 }
 
-TEST(PresenceTest, WhatIsMissedForAMomentIsNotLost) {
+TEST(PresenceTest, ShortGapIsNoLoss) {
   Presence presence(1);
   EXPECT_THAT(words(presence.step("a", 0, {7, 7, 3})), ElementsAre("+7a", "+3a"));
   EXPECT_THAT(presence.step("a", 0.5, {3}), IsEmpty());
@@ -36,14 +36,14 @@ TEST(PresenceTest, WhatIsMissedForAMomentIsNotLost) {
   EXPECT_THAT(presence.finish(), IsEmpty());
 }
 
-TEST(PresenceTest, AnotherSourceIsAnotherScene) {
+TEST(PresenceTest, ChangeOfSourceEndsAllPresences) {
   Presence presence(1);
   EXPECT_THAT(words(presence.step("a", 0, {7})), ElementsAre("+7a"));
   EXPECT_THAT(words(presence.step("b", 0.1, {7})), ElementsAre("-7a", "+7b"));
   EXPECT_THAT(words(presence.step("b", 0.0, {7})), ElementsAre("-7b", "+7b")) << "from its start";
 }
 
-TEST(PresenceTest, BadTimesAreRefused) {
+TEST(PresenceTest, RefusesInvalidTimes) {
   EXPECT_THROW(Presence(-1), std::invalid_argument);
   EXPECT_THROW(Presence(std::numeric_limits<double>::infinity()), std::invalid_argument);
 }

@@ -77,7 +77,7 @@ nlohmann::json RecognizeSession::state() const {
 }
 
 std::string RecognizeSession::status() const {
-  return fmt::format("{}, {} known", counted(faces().size(), "face"), known());
+  return fmt::format("{}, {} known", count_text(faces().size(), "face"), known());
 }
 
 std::ptrdiff_t RecognizeSession::known() const {

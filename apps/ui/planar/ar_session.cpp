@@ -23,8 +23,8 @@ namespace {
 using planar::TrackedMarker;
 using planar::augment::Object;
 
-const cv::Scalar kFrame(60, 220, 60);
-const cv::Scalar kFirstCorner(40, 40, 240);
+const cv::Scalar kOutlineColor(60, 220, 60);
+const cv::Scalar kFirstCornerColor(40, 40, 240);
 constexpr double kMessage_s = 3;
 constexpr int kMaxListed = 12;
 
@@ -101,9 +101,9 @@ std::vector<Action> ArSession::own_actions() const {
   return actions;
 }
 
-void ArSession::change(const planar::MarkerTrackerOptions& options, bool again) {
+void ArSession::change(const planar::MarkerTrackerOptions& options, bool resets_state) {
   tracker_ = planar::MarkerTracker::load(options);
-  if (!again) return;
+  if (!resets_state) return;
   state_ = {};
   if (!frame().empty()) process(latest());
 }
@@ -137,16 +137,17 @@ void ArSession::draw_outlines(cv::Mat& image) const {
       return cv::Point(cvRound(p.x() * (1 << kShift)), cvRound(p.y() * (1 << kShift)));
     };
     for (std::size_t k = 0; k < 4; ++k) {
-      cv::line(image, fixed(quad[k]), fixed(quad[(k + 1) % 4]), kFrame, 2, cv::LINE_AA, kShift);
+      cv::line(image, fixed(quad[k]), fixed(quad[(k + 1) % 4]), kOutlineColor, 2, cv::LINE_AA,
+               kShift);
     }
     const double side = (quad[1] - quad[0]).norm();
-    image::draw::point(image, {quad[0].x(), quad[0].y()}, kFirstCorner,
+    image::draw::point(image, {quad[0].x(), quad[0].y()}, kFirstCornerColor,
                        std::clamp(side * 0.06, 2.0, 6.0));
-    const Eigen::Vector2d middle = 0.25 * (quad[0] + quad[1] + quad[2] + quad[3]);
+    const Eigen::Vector2d center = 0.25 * (quad[0] + quad[1] + quad[2] + quad[3]);
     image::draw::TextStyle style;
     style.height_px = std::clamp(side * 0.22, 8.0, 28.0);
     image::draw::put_text(image, std::to_string(posed.marker.id),
-                          {cvRound(middle.x()), cvRound(middle.y())}, style,
+                          {cvRound(center.x()), cvRound(center.y())}, style,
                           image::draw::Anchor::kCenter);
   }
 }
@@ -213,7 +214,7 @@ nlohmann::json ArSession::state() const {
 }
 
 std::string ArSession::status() const {
-  return fmt::format("{} of {}", counted(result_.markers.size(), "marker"), families());
+  return fmt::format("{} of {}", count_text(result_.markers.size(), "marker"), families());
 }
 
 std::string ArSession::message() const {

@@ -45,8 +45,8 @@ class ArSession final : public FrameSession {
   bool act(const std::string& name) override;
   void draw_outlines(cv::Mat& image) const;
   void save();
-  // Changes the tracker's options; `again` drops the tracker's state.
-  void change(const planar::MarkerTrackerOptions& options, bool again);
+  // Changes the tracker's options; `resets_state` drops the tracker's state.
+  void change(const planar::MarkerTrackerOptions& options, bool resets_state);
   void next_family();
   [[nodiscard]] std::string families() const;
 

@@ -48,17 +48,17 @@ void keep_image(const cv::Mat& image, const std::string& name) {
     cv::imwrite(std::string(folder) + "/ar-" + name + ".png", image);
 }
 
-TEST(ArSessionTest, FindsMarkersWhereTheyAreAndDrawsOnThem) {
+TEST(ArSessionTest, ReportsMarkerDistancesAndDraws) {
   ArSession session(tracker(), options());
   const auto source = synth::open_synth_source(kVideo);
   ScriptedHost host(session, *source);
-  host.at(6, key_event('a'));
-  host.at(8, key_event('m'));
-  host.at(10, key_event('i'));
-  host.at(12, key_event('l'));
-  host.at(14, key_event('n'));
-  host.at(16, key_event('h'));
-  for (const int frame : {5, 7, 9, 11, 13, 15, 17}) host.keep(frame);
+  host.schedule(6, key_event('a'));
+  host.schedule(8, key_event('m'));
+  host.schedule(10, key_event('i'));
+  host.schedule(12, key_event('l'));
+  host.schedule(14, key_event('n'));
+  host.schedule(16, key_event('h'));
+  for (const int frame : {5, 7, 9, 11, 13, 15, 17}) host.keep_images(frame);
   const auto& steps = host.run();
   const auto video = truth();
   for (const ScriptStep& step : steps) {
@@ -86,7 +86,7 @@ TEST(ArSessionTest, FindsMarkersWhereTheyAreAndDrawsOnThem) {
   }
 }
 
-TEST(ArSessionTest, FreezesSavesAndChangesTheFamily) {
+TEST(ArSessionTest, PausesSavesAndChangesTheFamily) {
   const auto folder =
       std::filesystem::temp_directory_path() /
       ("tarsier-ar-" + std::to_string(::testing::UnitTest::GetInstance()->random_seed()) +
@@ -114,7 +114,7 @@ TEST(ArSessionTest, FreezesSavesAndChangesTheFamily) {
   std::filesystem::remove_all(folder);
 }
 
-TEST(ArSessionTest, RefusesACameraOfAnotherShape) {
+TEST(ArSessionTest, RefusesACameraOfAnotherAspectRatio) {
   planar::MarkerTrackerOptions how;
   how.camera = geometry::guessed_camera({1280, 720});
   ArSession session(planar::MarkerTracker::load(how), options());

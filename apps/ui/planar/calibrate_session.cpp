@@ -20,7 +20,7 @@ namespace {
 
 using planar::calibration::ViewDecision;
 
-constexpr int kFlash = 8;  // frames that show that a view was accepted
+constexpr int kFlashFrames = 8;  // frames that show that a view was accepted
 constexpr double kCoverageTint = 0.22;
 const cv::Scalar kGood(90, 220, 90);
 const cv::Scalar kWait(60, 200, 255);
@@ -63,36 +63,37 @@ void CalibrateSession::process(const Frame& frame) {
 }
 
 void CalibrateSession::apply(const planar::CalibratorAnswer& answer) {
-  verdict_ = answer.decision ? std::string(name_of(*answer.decision)) : "another size";
+  view_status_ = answer.decision ? std::string(name_of(*answer.decision)) : "another size";
   if (!answer.is_accepted()) return;
-  flash_ = kFlash;
+  flash_ = kFlashFrames;
   calibrate_now();
 }
 
-void CalibrateSession::forget(bool all) {
+void CalibrateSession::drop_views(bool all) {
   do {
     calibrator_.forget_last(state_);
   } while (all && !state_.views.empty());
   flash_ = 0;
   result_.reset();
   if (!state_.views.empty()) calibrate_now();
-  if (!result_) straight_ = false;
+  if (!result_) shows_undistorted_ = false;
 }
 
 void CalibrateSession::calibrate_now() {
   std::optional<geometry::Camera> start;
-  if (found() != nullptr) start = found()->camera;
+  if (current_calibration() != nullptr) start = current_calibration()->camera;
   result_ = calibrator_.calibrate(state_, start);
   undistorter_.reset();
-  if (found() == nullptr) straight_ = false;
+  if (current_calibration() == nullptr) shows_undistorted_ = false;
 }
 
 bool CalibrateSession::act(const std::string& name) {
   if (name == "take") apply(calibrator_.take(state_));
-  if (name == "undo") forget(false);
-  if (name == "restart") forget(true);
+  if (name == "undo") drop_views(false);
+  if (name == "restart") drop_views(true);
   if (name == "calibrate" && coverage() != nullptr) calibrate_now();
-  if (name == "straight") straight_ = !straight_ && found() != nullptr;
+  if (name == "straight")
+    shows_undistorted_ = !shows_undistorted_ && current_calibration() != nullptr;
   if (name == "coverage") shows_coverage_ = !shows_coverage_;
   return true;
 }
@@ -112,16 +113,16 @@ std::string CalibrateSession::advice() const {
 }
 
 void CalibrateSession::draw(cv::Mat& image) {
-  if (straight_ && found() != nullptr && frame().size() == state_.size) {
+  if (shows_undistorted_ && current_calibration() != nullptr && frame().size() == state_.size) {
     try {
       if (!undistorter_) {
-        const geometry::Camera& from = found()->camera;
+        const geometry::Camera& from = current_calibration()->camera;
         undistorter_.emplace(from, geometry::undistorted_camera(from));
       }
       image = (*undistorter_)(frame());
     } catch (const Error&) {  // a distortion that cannot be inverted at the border
-      straight_ = false;
-      verdict_ = "cannot be straightened";
+      shows_undistorted_ = false;
+      view_status_ = "cannot be straightened";
     }
   } else {
     if (shows_coverage_ && coverage() != nullptr) draw_coverage(image, *coverage(), kCoverageTint);
@@ -130,13 +131,14 @@ void CalibrateSession::draw(cv::Mat& image) {
 }
 
 void CalibrateSession::draw_shown(cv::Mat& image) {
-  const bool took = flash_ > 0;
-  if (took && !straight_) {
+  const bool accepted = flash_ > 0;
+  if (accepted && !shows_undistorted_) {
     cv::rectangle(image, cv::Rect(0, 0, image.cols, image.rows), kGood,
                   std::max(2, image.cols / 160));
   }
   if (!draws_status()) return;
-  std::string line = straight_ ? "straightened: lines of the world are straight" : verdict_;
+  std::string line =
+      shows_undistorted_ ? "straightened: lines of the world are straight" : view_status_;
   for (const ViewDecision decision :
        {ViewDecision::kAccepted, ViewDecision::kReplaced, ViewDecision::kNoBoard,
         ViewDecision::kMoving, ViewDecision::kBlurred, ViewDecision::kTooSimilar,
@@ -146,9 +148,12 @@ void CalibrateSession::draw_shown(cv::Mat& image) {
       break;
     }
   }
-  if (took && !straight_) line = fmt::format("view {} taken", state_.views.size());
+  if (accepted && !shows_undistorted_) line = fmt::format("view {} taken", state_.views.size());
   image::draw::TextStyle style;
-  style.color = straight_ ? kPlain : took ? kGood : state_.board.empty() ? kPlain : kWait;
+  style.color = shows_undistorted_     ? kPlain
+                : accepted             ? kGood
+                : state_.board.empty() ? kPlain
+                                       : kWait;
   style.backing = image::draw::Backing::kBox;
   const int margin = std::max(4, image.cols / 100);
   const cv::Rect box = image::draw::put_text(image, line, {margin, margin}, style);
@@ -159,22 +164,22 @@ void CalibrateSession::draw_shown(cv::Mat& image) {
 
 // Short, because the bar has space for it only in its right half.
 std::string CalibrateSession::note() const {
-  const planar::calibration::Calibration* const now = found();
+  const planar::calibration::Calibration* const now = current_calibration();
   if (now == nullptr) return state_.views.empty() ? "" : "not yet calibrated";
   return fmt::format("fx {:.1f}+-{:.1f} rms {:.2f}", now->camera.fx, now->deviations.fx,
                      now->camera.rms);
 }
 
 std::string CalibrateSession::status() const {
-  return fmt::format("{}, {:.0f} % covered, {}", counted(state_.views.size(), "view"),
-                     100 * (coverage() != nullptr ? coverage()->share() : 0), verdict_);
+  return fmt::format("{}, {:.0f} % covered, {}", count_text(state_.views.size(), "view"),
+                     100 * (coverage() != nullptr ? coverage()->share() : 0), view_status_);
 }
 
 nlohmann::json CalibrateSession::state() const {
   nlohmann::json state;
   state["views"] = state_.views.size();
   state["coverage"] = coverage() != nullptr ? std::round(coverage()->share() * 1e3) / 1e3 : 0.0;
-  state["verdict"] = verdict_;
+  state["verdict"] = view_status_;
   state["missing"] = coverage() != nullptr ? coverage()->missing() : std::vector<std::string>();
   state["cells"] = nlohmann::json::array();
   if (const auto* covered = coverage()) {
@@ -192,12 +197,12 @@ nlohmann::json CalibrateSession::state() const {
     }
     state["per_view"].push_back(std::move(line));
   }
-  const planar::calibration::Calibration* const now = found();
+  const planar::calibration::Calibration* const now = current_calibration();
   state["calibrated"] = now != nullptr;
   state["rms"] = now != nullptr ? std::round(now->camera.rms * 1e4) / 1e4 : 0.0;
   state["fx"] = now != nullptr ? std::round(now->camera.fx * 1e3) / 1e3 : 0.0;
   state["refusal"] = result_ ? result_->calibration.refusal : "";
-  state["straight"] = straight_;
+  state["straight"] = shows_undistorted_;
   return state;
 }
 

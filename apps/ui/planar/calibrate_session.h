@@ -26,11 +26,11 @@ class CalibrateSession final : public FrameSession {
   // Throws std::invalid_argument unless the calibrator is a live one.
   explicit CalibrateSession(planar::Calibrator calibrator);
 
-  // The state of the calibrator; seen().images has the accepted views. Frames of another size than
+  // The state of the calibrator; calibrator_state().images has the accepted views. Frames of another size than
   // the first one are shown but not used.
-  [[nodiscard]] const planar::CalibratorState& seen() const { return state_; }
+  [[nodiscard]] const planar::CalibratorState& calibrator_state() const { return state_; }
   [[nodiscard]] const std::optional<planar::CalibrationResult>& result() const { return result_; }
-  [[nodiscard]] std::string verdict() const { return verdict_; }
+  [[nodiscard]] std::string view_status() const { return view_status_; }
 
  private:
   void process(const Frame& frame) override;
@@ -43,10 +43,10 @@ class CalibrateSession final : public FrameSession {
   [[nodiscard]] std::vector<Action> own_actions() const override;
 
   void apply(const planar::CalibratorAnswer& answer);
-  void forget(bool all);
+  void drop_views(bool all);
   void calibrate_now();
   // The calibrated camera; null if there is none.
-  [[nodiscard]] const planar::calibration::Calibration* found() const {
+  [[nodiscard]] const planar::calibration::Calibration* current_calibration() const {
     return result_ && result_->ok() ? &result_->calibration : nullptr;
   }
   [[nodiscard]] const planar::calibration::Coverage* coverage() const;
@@ -55,10 +55,10 @@ class CalibrateSession final : public FrameSession {
   planar::Calibrator calibrator_;
   planar::CalibratorState state_;
   std::optional<planar::CalibrationResult> result_;
-  std::string verdict_ = "no board";
+  std::string view_status_ = "no board";
   std::optional<geometry::Undistorter> undistorter_;  // of the latest calibration
   int flash_ = 0;  // remaining frames that show that a view was accepted
-  bool straight_ = false;
+  bool shows_undistorted_ = false;
   bool shows_coverage_ = true;
 };
 

@@ -37,14 +37,14 @@ void keep_image(const cv::Mat& image, const char* name) {
     cv::imwrite(std::string(folder) + "/session-" + name + ".png", image);
 }
 
-TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
+TEST(CalibrateSessionTest, AcceptsViewsAndCalibratesByItself) {
   TARSIER_LONG_TEST();
   CalibrateSession session(calibrator());
   const auto source = video(124);
   ScriptedHost host(session, *source);
-  host.at(114, action_event("straight"));
-  host.at(119, key_event('h'));
-  for (const int frame : {2, 12, 20, 100, 113, 116, 120}) host.keep(frame);
+  host.schedule(114, action_event("straight"));
+  host.schedule(119, key_event('h'));
+  for (const int frame : {2, 12, 20, 100, 113, 116, 120}) host.keep_images(frame);
   const auto& steps = host.run();
   for (const ScriptStep& step : steps)
     if (!step.image.empty()) keep_image(step.image, std::to_string(step.frame).c_str());
@@ -53,14 +53,14 @@ TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
   EXPECT_EQ(steps[2].state["views"], 0);
   int taken_moving = 0;
   const synth::BoardVideo truth({480, 360}, calibrator().options().board, 1);
-  for (const planar::CalibrationImage& view : session.seen().images) {
+  for (const planar::CalibrationImage& view : session.calibrator_state().images) {
     const auto now = truth.pose_at(view.time);
     const auto before = truth.pose_at(view.time - 0.1);
     ASSERT_TRUE(now && before);
     if ((now->translation - before->translation).norm() > 0.004) ++taken_moving;
   }
   EXPECT_EQ(taken_moving, 0);
-  EXPECT_GE(session.seen().images.size(), 8U);
+  EXPECT_GE(session.calibrator_state().images.size(), 8U);
   ASSERT_TRUE(session.result());
   ASSERT_TRUE(session.result()->ok()) << session.result()->calibration.refusal;
   EXPECT_NEAR(session.result()->calibration.camera.fx / truth.camera().fx, 1, 2e-3);
@@ -89,12 +89,12 @@ TEST(CalibrateSessionTest, TakesViewsByItselfAndFindsTheCamera) {
     }
 }
 
-TEST(CalibrateSessionTest, TellsWhatIsMissingAndForgets) {
+TEST(CalibrateSessionTest, ReportsMissingViewsAndDropsViews) {
   CalibrateSession session(calibrator());
   const auto source = video(60);
   ScriptedHost host(session, *source);
-  host.at(40, key_event('z'));
-  host.at(45, key_event('x'));
+  host.schedule(40, key_event('z'));
+  host.schedule(45, key_event('x'));
   const auto& steps = host.run();
   std::size_t before = 0;
   for (const ScriptStep& step : steps) {
@@ -112,18 +112,18 @@ TEST(CalibrateSessionTest, TellsWhatIsMissingAndForgets) {
     }
   }
   EXPECT_GE(before, 2U);
-  EXPECT_GE(session.seen().images.size(), 1U);  // it goes on
+  EXPECT_GE(session.calibrator_state().images.size(), 1U);  // it goes on
 }
 
-TEST(CalibrateSessionTest, APersonMayTakeAViewAndIsToldWhyThereIsNoCamera) {
+TEST(CalibrateSessionTest, AcceptsManualViewsAndReportsTheRefusal) {
   CalibrateSession session(calibrator());
   const auto source = video(9);
   ScriptedHost host(session, *source);
-  host.at(1, key_event(key::kSpace));  // no board yet
-  for (const int frame : {7, 8, 9}) host.at(frame, key_event(key::kSpace));
-  host.at(9, action_event("calibrate"));
-  host.at(9, action_event("straight"));
-  host.at(9, key_event('q'));
+  host.schedule(1, key_event(key::kSpace));  // no board yet
+  for (const int frame : {7, 8, 9}) host.schedule(frame, key_event(key::kSpace));
+  host.schedule(9, action_event("calibrate"));
+  host.schedule(9, action_event("straight"));
+  host.schedule(9, key_event('q'));
   const auto& steps = host.run();
   EXPECT_EQ(steps[1].cause, "key 32");
   EXPECT_EQ(steps[1].state["views"], 0);
@@ -136,7 +136,7 @@ TEST(CalibrateSessionTest, APersonMayTakeAViewAndIsToldWhyThereIsNoCamera) {
   EXPECT_TRUE(last.finished);
 }
 
-TEST(CalibrateSessionTest, StillImagesAreViewsOfTheirOwn) {
+TEST(CalibrateSessionTest, AcceptsEachStillImage) {
   CalibrateSession session(calibrator());
   const synth::BoardVideo truth({480, 360}, calibrator().options().board, 1);
   for (int k = 0; k < 5; ++k) {
@@ -152,11 +152,11 @@ TEST(CalibrateSessionTest, StillImagesAreViewsOfTheirOwn) {
   other.image = cv::Mat(100, 100, CV_8UC3, cv::Scalar::all(90));
   other.still = true;
   EXPECT_EQ(session.on_frame(other, {}).state["verdict"], "another size");
-  EXPECT_EQ(session.seen().images.size(), 5U);
+  EXPECT_EQ(session.calibrator_state().images.size(), 5U);
 }
 
 // A board that is only found as if it were evenly lit: after some frames it is, and stays so.
-TEST(CalibrateSessionTest, FindsABoardInUnevenLightAndKeepsIt) {
+TEST(CalibrateSessionTest, FindsABoardInUnevenLight) {
   const geometry::Camera camera{480, 360, 408, 408, 240, 180};
   const auto spec = calibrator().options().board;
   synth::BoardAppearance appearance;
@@ -174,10 +174,10 @@ TEST(CalibrateSessionTest, FindsABoardInUnevenLightAndKeepsIt) {
     if (session.on_frame(frame, {}).state["verdict"] != "no board") ++seen;
   }
   EXPECT_GE(seen, 9);
-  EXPECT_EQ(session.seen().images.size(), 1U);
+  EXPECT_EQ(session.calibrator_state().images.size(), 1U);
 }
 
-TEST(CalibrateSessionTest, TheSameFramesGiveTheSameSteps) {
+TEST(CalibrateSessionTest, IsDeterministic) {
   std::string first;
   for (int run = 0; run < 2; ++run) {
     CalibrateSession session(calibrator());
@@ -189,7 +189,7 @@ TEST(CalibrateSessionTest, TheSameFramesGiveTheSameSteps) {
   }
 }
 
-TEST(CalibrateSessionTest, WithoutStatusNoTextIsOnTheImage) {
+TEST(CalibrateSessionTest, WithoutStatusDrawsNoText) {
   CalibrateSession session(calibrator());
   session.draw_status(false);
   Frame frame;

@@ -51,7 +51,7 @@ void TargetSessionOptions::check() const { train.check(); }
 TargetSession::TargetSession(planar::TargetTracker tracker, TargetSessionOptions options)
     : FrameSession("Images as targets"),
       tracker_(std::move(tracker)),
-      given_(tracker_.targets().size()),
+      initial_target_count_(tracker_.targets().size()),
       options_(std::move(options)) {
   options_.check();
 }
@@ -72,10 +72,11 @@ bool TargetSession::act(const std::string& name) {
     return train({size.width / 4, size.height / 4, size.width / 2, size.height / 2});
   if (name == "forget") {
     std::vector<planar::image_targets::Target> targets = tracker_.targets();
-    message_ = fmt::format("{} forgotten", targets.size() - given_);
-    targets.resize(given_);
+    message_ = fmt::format("{} forgotten", targets.size() - initial_target_count_);
+    targets.resize(initial_target_count_);
     change(std::move(targets));
-    std::erase_if(result_.tracked, [&](const auto& seen) { return seen.target >= given_; });
+    std::erase_if(result_.tracked,
+                  [&](const auto& seen) { return seen.target >= initial_target_count_; });
     return true;
   }
   if (name != "overlay") return false;
@@ -100,7 +101,8 @@ bool TargetSession::train(cv::Rect box) {
     message_ = fmt::format("frame at least {0} x {0} px, and no thin strip", kMinSide);
     return false;
   }
-  const std::string name = fmt::format("image {}", tracker_.targets().size() - given_ + 1);
+  const std::string name =
+      fmt::format("image {}", tracker_.targets().size() - initial_target_count_ + 1);
   planar::image_targets::Target trained =
       planar::image_targets::train_target(frame()(box), name, options_.train);
   const planar::image_targets::Quality& quality = trained.quality;
@@ -186,7 +188,7 @@ nlohmann::json TargetSession::state() const {
     list.push_back({{"id", s.target}, {"name", result_.target_of(s).name}, {"corners", corners}});
   }
   return {{"targets", list},
-          {"trained", tracker_.targets().size() - given_},
+          {"trained", tracker_.targets().size() - initial_target_count_},
           {"message", message_},
           {"draw", name_of(options_.overlay)}};
 }

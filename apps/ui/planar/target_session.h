@@ -52,7 +52,8 @@ class TargetSession final : public FrameSession {
   void draw_target(cv::Mat& image, const planar::image_targets::TrackedTarget& seen) const;
 
   planar::TargetTracker tracker_;
-  std::size_t given_;  // number of targets that were not trained here; they come first
+  std::size_t
+      initial_target_count_;  // number of targets that were not trained here; they come first
   TargetSessionOptions options_;
   planar::TargetState state_;
   planar::TargetResult result_;

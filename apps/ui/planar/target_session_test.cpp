@@ -36,7 +36,7 @@ double distance(const nlohmann::ordered_json& corner, const cv::Point2d& truth) 
   return std::hypot(corner[0].get<double>() - truth.x, corner[1].get<double>() - truth.y);
 }
 
-TEST(TargetSession, TellsWhereAnImageIsAndDrawsThere) {
+TEST(TargetSession, ReportsTheTargetPositionAndDraws) {
   const auto f = video();
   planar::TargetTrackerOptions options;
   options.camera = f.camera();
@@ -63,7 +63,7 @@ TEST(TargetSession, TellsWhereAnImageIsAndDrawsThere) {
   EXPECT_EQ(view.state["targets"].size(), 1U);
 }
 
-TEST(TargetSession, TrainsWhatTheMouseFrames) {
+TEST(TargetSession, TrainsTheRectangleDrawnByTheMouse) {
   // A print that fills the middle of the image, seen squarely.
   cv::Mat scene(480, 640, CV_8UC3, cv::Scalar(120, 130, 140));
   const cv::Mat poster = synth::poster_image({320, 240}, 3);
@@ -95,7 +95,7 @@ TEST(TargetSession, TrainsWhatTheMouseFrames) {
   EXPECT_TRUE(session.on_frame(frame_of(moved, false), kLive).state["targets"].empty());
 }
 
-TEST(TargetSession, RefusesToTrainAFlatOrTinyFrame) {
+TEST(TargetSession, RefusesToTrainAnImageWithoutTexture) {
   TargetSessionOptions options;
   options.train.trials = 2;
   TargetSession session(planar::TargetTracker({}), options);
@@ -107,7 +107,7 @@ TEST(TargetSession, RefusesToTrainAFlatOrTinyFrame) {
   EXPECT_NE(refused.state["message"].get<std::string>().find("not trained"), std::string::npos);
 }
 
-TEST(TargetSession, RefusesACameraOfAnotherShape) {
+TEST(TargetSession, RefusesACameraOfAnotherAspectRatio) {
   const auto f = video();
   planar::TargetTrackerOptions options;
   options.camera = f.camera();
@@ -118,7 +118,7 @@ TEST(TargetSession, RefusesACameraOfAnotherShape) {
 }
 
 // What is drawn otherwise on a still is what goes to the sink, that of a video is written once.
-TEST(TargetSession, AStillThatIsDrawnOtherwiseGoesToTheSinkAgain) {
+TEST(TargetSession, KeyUpdatesTheOutputOfStillsOnly) {
   const auto f = video();
   planar::TargetTrackerOptions options;
   options.camera = f.camera();
@@ -136,7 +136,7 @@ TEST(TargetSession, AStillThatIsDrawnOtherwiseGoesToTheSinkAgain) {
   }
 }
 
-TEST(TargetSession, KeysDoWhatTheHelpSays) {
+TEST(TargetSession, KeysChangeOverlayPauseAndQuit) {
   TargetSession session(planar::TargetTracker({}));
   static_cast<void>(
       session.on_frame(frame_of(cv::Mat(120, 160, CV_8UC3, cv::Scalar::all(9)), true), kLive));

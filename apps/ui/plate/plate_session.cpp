@@ -13,11 +13,11 @@
 namespace tarsier {
 namespace {
 
-const cv::Scalar kSure{80, 220, 80};
-const cv::Scalar kUnsure{60, 180, 255};
-const cv::Scalar kFaint{200, 200, 200};
-constexpr std::size_t kListed = 4;
-constexpr double kSureFrom = 0.8;
+const cv::Scalar kConfidentColor{80, 220, 80};
+const cv::Scalar kUncertainColor{60, 180, 255};
+const cv::Scalar kRegionColor{200, 200, 200};
+constexpr std::size_t kMaxListedEvents = 4;
+constexpr double kMinConfidence = 0.8;
 
 void outline(cv::Mat& image, const plate::Quad& quad, const cv::Scalar& color, int width) {
   std::vector<cv::Point> points;
@@ -59,7 +59,7 @@ void PlateSession::process(const Frame& frame) {
   result_ = reader_.process(frame, state_, seen, watched(debug_));
 }
 
-void PlateSession::processed() { tell(result_.events); }
+void PlateSession::on_processed() { report(result_.events); }
 
 bool PlateSession::act(const std::string& name) {
   if (name != "characters") return false;
@@ -72,7 +72,7 @@ std::vector<Action> PlateSession::own_actions() const {
 }
 
 void PlateSession::finish() {
-  tell(reader_.finish(state_));
+  report(reader_.finish(state_));
   result_.tracks.clear();
 }
 
@@ -80,14 +80,14 @@ void PlateSession::shift_unsynchronized(std::chrono::milliseconds by) {
   plate::shift_unsynchronized(state_.tracker, by);
 }
 
-void PlateSession::tell(const std::vector<plate::PlateEvent>& events) {
+void PlateSession::report(const std::vector<plate::PlateEvent>& events) {
   for (const plate::PlateEvent& event : events) {
     if (on_plate_) on_plate_(event);
     if (event.state != plate::PlateState::kClosed) continue;
     ++events_;
     last_events_.push_back(fmt::format("{}  {:.1f}-{:.1f} s", caption(event.text, event.confidence),
                                        event.first_time, event.last_time));
-    if (last_events_.size() > kListed) last_events_.erase(last_events_.begin());
+    if (last_events_.size() > kMaxListedEvents) last_events_.erase(last_events_.begin());
   }
 }
 
@@ -95,21 +95,23 @@ void PlateSession::draw(cv::Mat& image) {
   const int width = std::max(1, cvRound(std::min(image.cols, image.rows) / 400.0));
   const plate::Region& region = reader_.options().region;
   if (!region.corners.empty())
-    cv::polylines(image, region.outline(image.size()), true, kFaint, width, cv::LINE_AA);
+    cv::polylines(image, region.outline(image.size()), true, kRegionColor, width, cv::LINE_AA);
   for (const plate::Reading& reading : readings()) {
-    const bool sure = reading.confidence >= kSureFrom;
+    const bool confident = reading.confidence >= kMinConfidence;
     if (characters_ && reading.box.height > 24) {
       for (const plate::Character& character : reading.characters)
-        outline(image, character.corners, character.confidence >= kSureFrom ? kSure : kUnsure, 1);
+        outline(image, character.corners,
+                character.confidence >= kMinConfidence ? kConfidentColor : kUncertainColor, 1);
     }
-    outline(image, reading.corners, sure ? kSure : kUnsure, 2 * width);
+    outline(image, reading.corners, confident ? kConfidentColor : kUncertainColor, 2 * width);
     if (still())
-      label(image, reading.box, caption(reading.text, reading.confidence), sure ? kSure : kUnsure);
+      label(image, reading.box, caption(reading.text, reading.confidence),
+            confident ? kConfidentColor : kUncertainColor);
   }
   for (const plate::LiveTrack& track : tracks()) {
     if (!track.confirmed) continue;
     label(image, track.box, caption(track.text, track.confidence),
-          track.confidence >= kSureFrom ? kSure : kUnsure);
+          track.confidence >= kMinConfidence ? kConfidentColor : kUncertainColor);
   }
   if (still()) return;
   image::draw::TextStyle style;
@@ -123,6 +125,6 @@ nlohmann::json PlateSession::state() const {
   return {{"plates", readings().size()}, {"events", events_}};
 }
 
-std::string PlateSession::status() const { return counted(readings().size(), "plate"); }
+std::string PlateSession::status() const { return count_text(readings().size(), "plate"); }
 
 }  // namespace tarsier

@@ -42,9 +42,9 @@ class PlateSession final : public FrameSession {
   [[nodiscard]] const std::vector<plate::LiveTrack>& tracks() const { return result_.tracks; }
 
  private:
-  void tell(const std::vector<plate::PlateEvent>& events);
+  void report(const std::vector<plate::PlateEvent>& events);
   void process(const Frame& frame) override;
-  void processed() override;
+  void on_processed() override;
   void draw(cv::Mat& image) override;
   [[nodiscard]] nlohmann::json state() const override;
   [[nodiscard]] std::string status() const override;

@@ -58,7 +58,7 @@ SourceStatus live() {
   return status;
 }
 
-class Plates : public testing::Test {
+class PlateSessionTest : public testing::Test {
  protected:
   std::vector<plate::Reading> seen_;       // what the reader finds in the next frame
   std::vector<plate::PlateEvent> events_;  // that are closed
@@ -76,7 +76,7 @@ class Plates : public testing::Test {
   }
 };
 
-TEST_F(Plates, AStillIsDrawnOnAndIsNoVehicle) {
+TEST_F(PlateSessionTest, StillHasReadingsButNoEvents) {
   PlateSession session = make();
   seen_ = {reading_at({100, 100, 90, 20})};
   const Frame frame = frame_at(0, true);
@@ -90,7 +90,7 @@ TEST_F(Plates, AStillIsDrawnOnAndIsNoVehicle) {
   EXPECT_TRUE(events_.empty());
 }
 
-TEST_F(Plates, AVehicleOfAVideoGivesOneEventWhenTheVideoEnds) {
+TEST_F(PlateSessionTest, VehicleGivesOneClosedEventAtTheEndOfTheVideo) {
   PlateSession session = make();
   for (int k = 0; k < 12; ++k) {
     seen_ = {reading_at({60 + 4 * k, 100, 90, 20})};
@@ -107,7 +107,7 @@ TEST_F(Plates, AVehicleOfAVideoGivesOneEventWhenTheVideoEnds) {
 }
 
 // The same plate before two cameras, one video after the other.
-TEST_F(Plates, AnotherSourceHasVehiclesOfItsOwn) {
+TEST_F(PlateSessionTest, ChangeOfSourceClosesAllVehicles) {
   PlateSession session = make();
   for (int k = 0; k < 24; ++k) {
     seen_ = {reading_at({60 + 4 * k, 100, 90, 20})};
@@ -128,7 +128,7 @@ TEST_F(Plates, AnotherSourceHasVehiclesOfItsOwn) {
   }
 }
 
-TEST_F(Plates, ImagesInSequenceAreOneVideo) {
+TEST_F(PlateSessionTest, ImageSequenceIsOneVideo) {
   PlateSession session = make();
   for (int k = 0; k < 12; ++k) {
     seen_ = {reading_at({60 + 4 * k, 100, 90, 20})};
@@ -142,7 +142,7 @@ TEST_F(Plates, ImagesInSequenceAreOneVideo) {
   EXPECT_EQ(events_[0].frames, 12);
 }
 
-TEST_F(Plates, EventsAreOpenedAtOnceAndHaveTheFramesClock) {
+TEST_F(PlateSessionTest, EventsHaveTheTimesOfTheirFrames) {
   const plate::Moment noon = plate::parse_moment("2026-05-01T12:00", {}, false, "time");
   PlateSession session(
       reader(), [this](const plate::PlateEvent& event) { all_.push_back(event); },
@@ -165,7 +165,7 @@ TEST_F(Plates, EventsAreOpenedAtOnceAndHaveTheFramesClock) {
   EXPECT_EQ(all_[1].first_seen, noon + std::chrono::hours(1));
 }
 
-TEST_F(Plates, OutsideTheRegionNothingCounts) {
+TEST_F(PlateSessionTest, IgnoresPlatesOutsideTheRegion) {
   options_.region = plate::parse_region("0,0,0.4,1");
   PlateSession session = make();
   seen_ = {reading_at({10, 100, 90, 20}, "1111BBB"), reading_at({220, 100, 90, 20}, "2222CCC")};
@@ -177,7 +177,7 @@ TEST_F(Plates, OutsideTheRegionNothingCounts) {
   EXPECT_EQ(events_[0].text, "1111BBB");
 }
 
-TEST_F(Plates, SignsAreNoVehiclesUnlessWordsAreWanted) {
+TEST_F(PlateSessionTest, IgnoresWordsUnlessRequested) {
   for (const bool words : {false, true}) {
     options_.words = words;
     events_.clear();
@@ -189,7 +189,7 @@ TEST_F(Plates, SignsAreNoVehiclesUnlessWordsAreWanted) {
   }
 }
 
-TEST_F(Plates, KeysDoWhatTheHelpSays) {
+TEST_F(PlateSessionTest, KeysToggleCharacterBoxesPauseAndQuit) {
   PlateSession session = make();
   seen_ = {reading_at({100, 60, 160, 60})};
   const View first = session.on_frame(frame_at(0, true), live());

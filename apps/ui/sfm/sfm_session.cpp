@@ -14,20 +14,20 @@
 namespace tarsier {
 namespace {
 
-const cv::Scalar kGreen{60, 210, 60};
-const cv::Scalar kRim{0, 40, 0};
-const cv::Scalar kInk{70, 60, 50};
-constexpr double kWidest = 1680;   // px, of both panels together
-constexpr double kTurnDeg = 10;    // per press of an arrow key
-constexpr double kDragDeg = 0.35;  // per pixel
-constexpr double kZoom = 1.2;      // per key press or notch
+const cv::Scalar kPointColor{60, 210, 60};
+const cv::Scalar kPointRimColor{0, 40, 0};
+const cv::Scalar kTextColor{70, 60, 50};
+constexpr double kMaxWidth = 1680;  // px, of both panels together
+constexpr double kTurnDeg = 10;     // per press of an arrow key
+constexpr double kDragDeg = 0.35;   // per pixel
+constexpr double kZoom = 1.2;       // per key press or notch
 
 // Height of both panels: the frame's own if it fits; even, because videos need it.
 int panel_height(cv::Size frame) {
   const double aspect = static_cast<double>(frame.width) / frame.height;
-  const double most = std::min(720.0, kWidest / (aspect + 4.0 / 3));
+  const double max_height = std::min(720.0, kMaxWidth / (aspect + 4.0 / 3));
   return std::max(2, static_cast<int>(std::clamp(static_cast<double>(frame.height), 240.0,
-                                                 std::max(most, 120.0))) /
+                                                 std::max(max_height, 120.0))) /
                          2 * 2);
 }
 
@@ -46,13 +46,13 @@ void SfmSession::process(const Frame& frame) {
 
 bool SfmSession::act(const std::string& name) {
   if (name == "left") {
-    turn(-kTurnDeg, 0);
+    rotate(-kTurnDeg, 0);
   } else if (name == "right") {
-    turn(kTurnDeg, 0);
+    rotate(kTurnDeg, 0);
   } else if (name == "up") {
-    turn(0, kTurnDeg);
+    rotate(0, kTurnDeg);
   } else if (name == "down") {
-    turn(0, -kTurnDeg);
+    rotate(0, -kTurnDeg);
   } else if (name == "nearer") {
     zoom(kZoom);
   } else if (name == "farther") {
@@ -61,7 +61,7 @@ bool SfmSession::act(const std::string& name) {
     yaw_ = 0;
     pitch_ = 15;
     zoom_ = 1;
-    cloud_is_old_ = true;
+    cloud_is_stale_ = true;
   } else if (name == "adjust") {
     if (!image_.empty()) update(online_.refine(stop_));
   } else {
@@ -71,10 +71,10 @@ bool SfmSession::act(const std::string& name) {
 }
 
 bool SfmSession::mouse(const Event& event) {
-  const cv::Point2d where(event.x, event.y);
+  const cv::Point2d position(event.x, event.y);
   switch (event.mouse) {
     case Event::Mouse::kLeftDown:
-      drag_ = where;
+      drag_ = position;
       return false;
     case Event::Mouse::kLeftUp:
     case Event::Mouse::kDouble:
@@ -82,8 +82,8 @@ bool SfmSession::mouse(const Event& event) {
       return false;
     case Event::Mouse::kMove:
       if (!drag_) return false;
-      turn(-kDragDeg * (where.x - drag_->x), kDragDeg * (where.y - drag_->y));
-      drag_ = where;
+      rotate(-kDragDeg * (position.x - drag_->x), kDragDeg * (position.y - drag_->y));
+      drag_ = position;
       return true;
     case Event::Mouse::kWheel:
       zoom(std::pow(kZoom, event.wheel));
@@ -110,23 +110,23 @@ std::vector<image::draw::HelpLine> SfmSession::help_lines() const {
 
 View SfmSession::finish() {
   update(online_.finish(stop_));
-  return redrawn();
+  return redraw();
 }
 
 void SfmSession::update(sfm::OnlineResult result) {
   result_ = std::move(result);
-  cloud_is_old_ = cloud_is_old_ || result_.model_changed;
+  cloud_is_stale_ = cloud_is_stale_ || result_.model_changed;
 }
 
-void SfmSession::turn(double yaw, double pitch) {
+void SfmSession::rotate(double yaw, double pitch) {
   yaw_ = std::remainder(yaw_ + yaw, 360);
   pitch_ = std::clamp(pitch_ + pitch, -89.0, 89.0);
-  cloud_is_old_ = true;
+  cloud_is_stale_ = true;
 }
 
 void SfmSession::zoom(double factor) {
   zoom_ = std::clamp(zoom_ * factor, 0.1, 20.0);
-  cloud_is_old_ = true;
+  cloud_is_stale_ = true;
 }
 
 std::string SfmSession::counts() const {
@@ -151,14 +151,14 @@ void SfmSession::draw(cv::Mat& image) {
   const int radius = std::max(2, height / 200);
   for (const cv::Point2f& tracked : result_.tracked) {
     const cv::Point2d p = cv::Point2d(tracked) * scale;
-    const cv::Point where(cvRound(p.x * 16), cvRound(p.y * 16));
-    cv::circle(shown, where, (radius + 1) * 16, kRim, cv::FILLED, cv::LINE_AA, 4);
-    cv::circle(shown, where, radius * 16, kGreen, cv::FILLED, cv::LINE_AA, 4);
+    const cv::Point position(cvRound(p.x * 16), cvRound(p.y * 16));
+    cv::circle(shown, position, (radius + 1) * 16, kPointRimColor, cv::FILLED, cv::LINE_AA, 4);
+    cv::circle(shown, position, radius * 16, kPointColor, cv::FILLED, cv::LINE_AA, 4);
   }
 
   const sfm::Model& model = online_.model();
   const cv::Size size(right, height);
-  if (cloud_is_old_ || cloud_.size() != size) {
+  if (cloud_is_stale_ || cloud_.size() != size) {
     sfm::ViewOptions view;
     view.size = size;
     view.yaw_deg = yaw_;
@@ -166,13 +166,13 @@ void SfmSession::draw(cv::Mat& image) {
     if (zoom_ != 1 && !model.points.empty())
       view.distance = sfm::viewpoint_of(model, view).distance / zoom_;
     cloud_ = sfm::render_model(model, view);
-    cloud_is_old_ = false;
+    cloud_is_stale_ = false;
   }
   cv::Mat panel = image(cv::Rect(left, 0, right, height));
   cloud_.copyTo(panel);
   image::draw::TextStyle style;
   style.height_px = std::max(8.0, height / 45.0);
-  style.color = kInk;
+  style.color = kTextColor;
   style.backing = image::draw::Backing::kOutline;
   style.backing_color = cv::Scalar(250, 248, 246);
   image::draw::put_text(panel, counts(), {8, 8}, style);

@@ -42,7 +42,7 @@ class SfmSession final : public FrameSession {
   [[nodiscard]] std::vector<Action> own_actions() const override;
   [[nodiscard]] std::vector<image::draw::HelpLine> help_lines() const override;
 
-  void turn(double yaw, double pitch);
+  void rotate(double yaw, double pitch);
   void zoom(double factor);
   void update(sfm::OnlineResult result);
   [[nodiscard]] std::string counts() const;
@@ -53,7 +53,7 @@ class SfmSession final : public FrameSession {
   sfm::OnlineResult result_;  // of the latest call
   cv::Mat image_;             // the latest frame, as used by the model
   cv::Mat cloud_;
-  bool cloud_is_old_ = true;
+  bool cloud_is_stale_ = true;
   double yaw_ = 0;
   double pitch_ = 15;
   double zoom_ = 1;

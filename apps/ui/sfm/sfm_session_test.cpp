@@ -19,9 +19,9 @@ namespace tarsier {
 namespace {
 
 // A drawn video: the camera goes along a wall.
-class Walk final : public FrameSource {
+class WalkSource final : public FrameSource {
  public:
-  explicit Walk(std::vector<cv::Mat> images) : images_(std::move(images)) {}
+  explicit WalkSource(std::vector<cv::Mat> images) : images_(std::move(images)) {}
   std::optional<Frame> next(std::chrono::milliseconds, const std::stop_token&) override {
     if (ended()) return std::nullopt;
     Frame frame;
@@ -96,13 +96,13 @@ class SfmSessionTest : public FolderTest {
 std::vector<cv::Mat>* SfmSessionTest::video_ = nullptr;
 geometry::Camera* SfmSessionTest::camera_ = nullptr;
 
-TEST_F(SfmSessionTest, WithItsVideo) {
+TEST_F(SfmSessionTest, GrowsAndDrawsTheModelDuringTheVideo) {
   SfmSession session = make();
   const cv::Mat untouched = (*video_)[23].clone();
-  Walk walk(*video_);
+  WalkSource walk(*video_);
   ScriptedHost host(session, walk);
-  host.keep(0);
-  host.keep(23);
+  host.keep_images(0);
+  host.keep_images(23);
   const auto& steps = host.run();
   ASSERT_EQ(steps.size(), 24U);
   EXPECT_EQ(steps.front().state["key_frames"], 1);
@@ -138,21 +138,21 @@ TEST_F(SfmSessionTest, WithItsVideo) {
   EXPECT_EQ(cv::norm((*video_)[23], untouched, cv::NORM_INF), 0) << "the video was drawn on";
 }
 
-TEST_F(SfmSessionTest, IsAFunctionOfFramesAndEvents) {
+TEST_F(SfmSessionTest, IsDeterministic) {
   std::string transcripts[2];
   for (std::string& transcript : transcripts) {
     SfmSession session = make();
-    Walk walk({video_->begin(), video_->begin() + 12});
+    WalkSource walk({video_->begin(), video_->begin() + 12});
     ScriptedHost host(session, walk);
-    host.at(6, key_event('r'));
+    host.schedule(6, key_event('r'));
     for (const ScriptStep& step : host.run()) transcript += step.state.dump() + "\n";
   }
   EXPECT_EQ(transcripts[0], transcripts[1]);
 }
 
-TEST_F(SfmSessionTest, TurnsAndZoomsTheCloudAndNotTheVideo) {
+TEST_F(SfmSessionTest, RotatesAndZoomsOnlyTheCloud) {
   SfmSession session = make();
-  Walk walk({video_->begin(), video_->begin() + 12});
+  WalkSource walk({video_->begin(), video_->begin() + 12});
   ScriptedHost host(session, walk);
   host.run();
   const cv::Rect left(0, 0, 320, 200);  // above the status
@@ -194,11 +194,11 @@ TEST_F(SfmSessionTest, TurnsAndZoomsTheCloudAndNotTheVideo) {
   EXPECT_EQ(cv::norm(before(right), first(right), cv::NORM_INF), 0) << "not the first view again";
 }
 
-TEST_F(SfmSessionTest, GivesTheStagesToWhoLooks) {
+TEST_F(SfmSessionTest, PassesStagesToAWatchingSink) {
   SfmSession plain = make();
-  Walk walk({video_->begin(), video_->begin() + 12});
+  WalkSource walk({video_->begin(), video_->begin() + 12});
   ScriptedHost host(plain, walk);
-  host.keep(11);
+  host.keep_images(11);
   const cv::Mat expected = host.run().back().output.clone();
 
   testing::WatchedStages stages;
@@ -221,7 +221,7 @@ TEST_F(SfmSessionTest, GivesTheStagesToWhoLooks) {
   EXPECT_EQ(cv::norm(view.output, expected, cv::NORM_INF), 0) << "looking changes the drawing";
 }
 
-TEST_F(SfmSessionTest, PausesAndEnds) {
+TEST_F(SfmSessionTest, PausesAndQuits) {
   SfmSession session = make();
   SourceStatus live;
   live.state = SourceState::kLive;
@@ -243,7 +243,7 @@ TEST_F(SfmSessionTest, TakesEachImageOfAFolder) {
   options_.every_frame = true;
   options_.grow_every = 2;
   SfmSession session = make();
-  Walk walk({(*video_)[0], (*video_)[2], (*video_)[4], (*video_)[6], (*video_)[8]});
+  WalkSource walk({(*video_)[0], (*video_)[2], (*video_)[4], (*video_)[6], (*video_)[8]});
   ScriptedHost host(session, walk);
   const auto& steps = host.run();
   ASSERT_EQ(steps.size(), 5U);
@@ -255,7 +255,7 @@ TEST_F(SfmSessionTest, TakesEachImageOfAFolder) {
 TEST_F(SfmSessionTest, SurvivesAStopAndAPlainVideo) {
   std::stop_source stop;
   SfmSession session = make(stop.get_token());
-  Walk walk({video_->begin(), video_->begin() + 9});
+  WalkSource walk({video_->begin(), video_->begin() + 9});
   stop.request_stop();
   ScriptedHost host(session, walk);
   host.run();
@@ -264,12 +264,12 @@ TEST_F(SfmSessionTest, SurvivesAStopAndAPlainVideo) {
 
   SfmSession plain = make();
   const cv::Mat grey(240, 320, CV_8UC3, cv::Scalar::all(120));
-  Walk nothing({grey, grey, grey});
+  WalkSource nothing({grey, grey, grey});
   ScriptedHost(plain, nothing).run();
   EXPECT_EQ(plain.finish().state["points"], 0);
 }
 
-TEST_F(SfmSessionTest, WithoutStatusTheImageIsTheDrawing) {
+TEST_F(SfmSessionTest, WithoutStatusShowsOnlyTheDrawing) {
   SfmSession session = make();
   session.draw_status(false);
   Frame frame;

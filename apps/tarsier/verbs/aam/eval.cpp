@@ -65,15 +65,15 @@ std::string line_of(const std::string& image, const std::optional<Eigen::Matrix2
 
 // The object whose points are nearest to the centre of the ground truth, because images may contain
 // other objects.
-const face::appearance::TrackedObject* nearest(
+const face::appearance::TrackedObject* nearest_object(
     const std::vector<face::appearance::TrackedObject>& objects, const Eigen::Matrix2Xd& truth) {
   const face::appearance::TrackedObject* best = nullptr;
-  double least = 0;
+  double min_distance = 0;
   for (const face::appearance::TrackedObject& object : objects) {
     const double distance = (object.fit.points.rowwise().mean() - truth.rowwise().mean()).norm();
-    if (best != nullptr && distance >= least) continue;
+    if (best != nullptr && distance >= min_distance) continue;
     best = &object;
-    least = distance;
+    min_distance = distance;
   }
   return best;
 }
@@ -136,7 +136,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   face::appearance::FitWorkspace workspace;
   double milliseconds = 0;
   int iterations = 0;
-  int within = 0;
+  int within_limit = 0;
   context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "images");
   for (const face::shape::LandmarkSample& sample : set.samples) {
     throw_if_stopped(context.stop);
@@ -153,7 +153,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
         face::appearance::find_objects(tracker.fitter(), find, image, 4, workspace);
     const double ms = watch.ms();
     milliseconds += ms;
-    const face::appearance::TrackedObject* object = nearest(objects, sample.points);
+    const face::appearance::TrackedObject* object = nearest_object(objects, sample.points);
     std::optional<Eigen::Matrix2Xd> points;
     if (object != nullptr) points = object->fit.points;
     face::landmarks::FitOutcome outcome =
@@ -161,7 +161,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
     outcome.image = sample.image;
     outcome.ms = ms;
     if (object != nullptr) iterations += object->fit.iterations;
-    within += !outcome.missed && !outcome.wrong && outcome.nme <= flags.limit ? 1 : 0;
+    within_limit += !outcome.missed && !outcome.wrong && outcome.nme <= flags.limit ? 1 : 0;
     lines += line_of(sample.image, points, ms);
     table += fmt::format("{},{:.4f},{:d},{:d},{:.4f},{:.4f},{:.4f},{:d},{},{:.2f}\n",
                          csv_field(sample.image), outcome.nme, outcome.missed, outcome.wrong,
@@ -175,7 +175,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   if (!flags.csv.empty()) write_file_atomically(flags.csv, table);
   const face::landmarks::LandmarkScore score = face::landmarks::score_of(outcomes);
   const int fitted = std::max(1, score.faces - score.missed);
-  const double share = static_cast<double>(within) / std::max(1, score.faces);
+  const double share = static_cast<double>(within_limit) / std::max(1, score.faces);
   if (context.json) {
     nlohmann::ordered_json line = {
         {"faces", score.faces},

@@ -54,8 +54,8 @@ Event parse_set(const std::string& text) {
   return slider_event(name, value);
 }
 
-void say(const std::string& output, const Session& session, const View& view,
-         const Context& context) {
+void print_result(const std::string& output, const Session& session, const View& view,
+                  const Context& context) {
   static_cast<void>(session);
   if (context.json) {
     nlohmann::ordered_json line{{"output", output}, {"state", view.state}};
@@ -84,7 +84,7 @@ ExitStatus show(Explored& session, const ExploreFlags& flags, const std::string&
   if (flags.mesh) view = session.on_event(action_event("mesh"));
   if (!flags.output.empty()) {
     write_image(flags.output, session.image());
-    say(flags.output, session, view, context);
+    print_result(flags.output, session, view, context);
     if (!flags.window) return ExitStatus::kDone;
   }
   window::prepare();
@@ -108,12 +108,12 @@ ExitStatus explore_points(const ExploreFlags& flags, Context& context) {
   }
   if (!flags.grid.empty() || !flags.image.empty())
     throw UsageError("--grid and --on need an appearance model, not shapes");
-  ShapePlayground session(std::move(model), shapes);
+  ShapeSpaceSession session(std::move(model), shapes);
   return show(session, flags, "Tarsier shapes", context);
 }
 
 // The best object of the image, fitted.
-ExploredImage fitted(const ExploreFlags& flags) {
+ExploredImage fit_to_image(const ExploreFlags& flags) {
   AamFlags aam = flags.aam;
   aam.model = flags.model;
   const face::AppearanceTracker tracker = load_appearance_tracker(aam);
@@ -143,7 +143,7 @@ ExitStatus explore(ExploreFlags& flags, Context& context) {
     if (flags.output.empty() && !flags.window) return ExitStatus::kDone;
   }
   std::optional<ExploredImage> image;
-  if (!flags.image.empty()) image = fitted(flags);
+  if (!flags.image.empty()) image = fit_to_image(flags);
   ExploreSession session(model, std::move(image), context.seed);
   return show(session, flags, "Tarsier appearance model", context);
 }

@@ -14,7 +14,7 @@
 namespace tarsier::cli {
 namespace {
 
-using Drawn = AppearanceSession::Drawn;
+using Overlay = AppearanceSession::Overlay;
 
 struct FitFlags {
   RunFlags run;
@@ -68,21 +68,22 @@ nlohmann::ordered_json json_of(const face::appearance::TrackedObject& object, bo
   return face;
 }
 
-Drawn parse_drawn(const std::string& name) {
-  for (const Drawn drawn : {Drawn::kMesh, Drawn::kFace, Drawn::kPoints, Drawn::kNothing})
-    if (name_of(drawn) == name) return drawn;
+Overlay parse_overlay(const std::string& name) {
+  for (const Overlay overlay :
+       {Overlay::kMesh, Overlay::kFace, Overlay::kPoints, Overlay::kNothing})
+    if (name_of(overlay) == name) return overlay;
   throw UsageError(fmt::format("--draw {}: mesh, face, points or nothing", name));
 }
 
 ExitStatus run_fit(FitFlags& flags, Context& context) {
   default_to_headless(flags.run);
-  const Drawn drawn = parse_drawn(flags.draw);
+  const Overlay overlay = parse_overlay(flags.draw);
   const face::AppearanceTracker tracker = load_appearance_tracker(flags.aam);
-  if (drawn == Drawn::kFace && !tracker.model().colour &&
+  if (overlay == Overlay::kFace && !tracker.model().colour &&
       !face::appearance::has_offset(tracker.model().levels.front().channels))
     throw ModelError(tracker.path(), "has no colour texture for --draw face");
   DebugFolder debug(context.debug_dir);
-  AppearanceSession session(tracker, drawn, debug.sink());
+  AppearanceSession session(tracker, overlay, debug.sink());
   bool found = false;
   RunHooks hooks;
   hooks.title = "appearance";
@@ -108,7 +109,7 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
     nlohmann::ordered_json faces = nlohmann::ordered_json::array();
     for (const face::appearance::TrackedObject& object : session.objects())
-      faces.push_back(json_of(object, session.follows(), flags.parameters));
+      faces.push_back(json_of(object, session.is_tracking(), flags.parameters));
     line["faces"] = std::move(faces);
     line["ms"] = rounded(session.milliseconds(), 2);
   };

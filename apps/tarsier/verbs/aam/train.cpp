@@ -42,16 +42,16 @@ face::appearance::Detect nearest_face() {
     cv::Mat gray;
     cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
     // Images are cropped around their points.
-    const cv::Point2d middle(0.5 * image.cols, 0.5 * image.rows);
+    const cv::Point2d center(0.5 * image.cols, 0.5 * image.rows);
     std::optional<cv::Rect2d> best;
-    double least = 0;
+    double min_distance = 0;
     for (const face::landmarks::Candidate& face : finder->find(gray)) {
-      const cv::Point2d off =
-          cv::Point2d(face.box.x + face.box.width / 2, face.box.y + face.box.height / 2) - middle;
-      const double distance = std::hypot(off.x, off.y) - 0.5 * face.box.width;
-      if (best && distance >= least) continue;
+      const cv::Point2d offset =
+          cv::Point2d(face.box.x + face.box.width / 2, face.box.y + face.box.height / 2) - center;
+      const double distance = std::hypot(offset.x, offset.y) - 0.5 * face.box.width;
+      if (best && distance >= min_distance) continue;
       best = face.box;
-      least = distance;
+      min_distance = distance;
     }
     return best;
   };

@@ -64,7 +64,7 @@ std::string row_of(const Frame& frame, const planar::TrackedMarker& posed) {
   return row;
 }
 
-std::shared_ptr<const render::Mesh> read_thing(const std::string& path, planar::augment::Up up) {
+std::shared_ptr<const render::Mesh> read_mesh(const std::string& path, planar::augment::Up up) {
   render::ObjLimits limits;
   limits.max_faces = kMaxTriangles;
   const render::ObjFile file = render::read_obj(path, limits);
@@ -93,7 +93,7 @@ ArSessionOptions drawing_of(const MarkersFlags& flags) {
       planar::augment::object_named(flags.draw).value_or(planar::augment::Object::kNone);
   if (!flags.mesh.empty()) {
     options.augment.mesh =
-        read_thing(flags.mesh, flags.up == "z" ? planar::augment::Up::kZ : planar::augment::Up::kY);
+        read_mesh(flags.mesh, flags.up == "z" ? planar::augment::Up::kZ : planar::augment::Up::kY);
     options.augment.object = planar::augment::Object::kMesh;
   }
   return options;

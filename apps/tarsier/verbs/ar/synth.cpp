@@ -45,10 +45,10 @@ struct SynthFlags {
 std::vector<synth::PlanarLevel> levels_of(const std::string& name) {
   using synth::PlanarLevel;
   const std::vector<PlanarLevel> all{PlanarLevel::kEasy, PlanarLevel::kMedium, PlanarLevel::kHard};
-  std::vector<PlanarLevel> some;
-  std::copy_if(all.begin(), all.end(), std::back_inserter(some),
+  std::vector<PlanarLevel> selected;
+  std::copy_if(all.begin(), all.end(), std::back_inserter(selected),
                [&](PlanarLevel level) { return name == "all" || name_of(level) == name; });
-  return some;
+  return selected;
 }
 
 // The given images, or synthetic posters; all are written to OUT/targets/.
@@ -95,7 +95,7 @@ ExitStatus make_images(SynthFlags& flags, Context& context) {
   const std::vector<synth::PlanarLevel> levels = levels_of(flags.level);
   const Rng seeds(context.seed);
   std::string lines;
-  std::size_t shown = 0;
+  std::size_t marker_count = 0;
   context.progress->begin("drawing", flags.count, "images");
   for (int i = 0; i < flags.count; ++i) {
     throw_if_stopped(context.stop);
@@ -114,15 +114,15 @@ ExitStatus make_images(SynthFlags& flags, Context& context) {
     write_image((folder / line.image).string(), still.image, 95);
     const std::string text = truth_line(line, still, prints);
     lines += text + "\n";
-    shown += still.truth.size();
+    marker_count += still.truth.size();
     if (context.json) print_text(text + '\n');
     context.progress->advance();
   }
   context.progress->end();
   write_file_atomically((folder / "truth.jsonl").string(), lines);
   if (!context.json && !context.quiet)
-    print_text(fmt::format("{}: {} images, {} {}, truth.jsonl\n", flags.output, flags.count, shown,
-                           is_planar ? "targets" : "markers"));
+    print_text(fmt::format("{}: {} images, {} {}, truth.jsonl\n", flags.output, flags.count,
+                           marker_count, is_planar ? "targets" : "markers"));
   return ExitStatus::kDone;
 }
 

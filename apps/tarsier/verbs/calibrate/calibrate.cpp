@@ -19,8 +19,8 @@ namespace tarsier::cli {
 namespace {
 
 // Searches every still, and some frames of videos.
-planar::CalibratorState search(const CalibrateFlags& flags, const planar::Calibrator& calibrator,
-                               Context& context) {
+planar::CalibratorState find_boards(const CalibrateFlags& flags,
+                                    const planar::Calibrator& calibrator, Context& context) {
   planar::CalibratorState state;
   for (const std::string& input : flags.run.inputs) {
     const auto source = open_source(input, flags.run.source, input_schemes());
@@ -72,12 +72,13 @@ ExitStatus run_live(CalibrateFlags& flags, const planar::Calibrator& calibrator,
   };
   const ExitStatus status = run_session(session, flags.run, context, hooks);
   if (status != ExitStatus::kDone) return status;
-  if (session.seen().views.empty()) {
+  if (session.calibrator_state().views.empty()) {
     log_warning("no view of the board {} was taken: no camera is written",
                 calibrator.options().board.text());
     return ExitStatus::kNothingFound;
   }
-  return finish_calibration(flags, calibrator.calibrate(session.seen(), {}, context.stop), context);
+  return finish_calibration(
+      flags, calibrator.calibrate(session.calibrator_state(), {}, context.stop), context);
 }
 
 // --- the verb ---
@@ -96,7 +97,7 @@ ExitStatus run_calibrate(CalibrateFlags& flags, Context& context) {
   options.keep_images = !flags.draw.empty() || !flags.undistorted.empty();
   const auto calibrator = planar::Calibrator::load(options);
   if (live) return run_live(flags, calibrator, context);
-  const planar::CalibratorState state = search(flags, calibrator, context);
+  const planar::CalibratorState state = find_boards(flags, calibrator, context);
   const std::string board = options.board.text();
   const auto stills = static_cast<std::size_t>(std::ranges::count_if(
       state.images, [](const planar::CalibrationImage& image) { return image.still; }));

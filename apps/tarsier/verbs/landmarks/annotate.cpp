@@ -50,10 +50,10 @@ class Video {
   }
 
   // Passes the next frame to the session; nullopt if it requests none or none arrived.
-  std::optional<View> feed(milliseconds patience, const std::stop_token& stop) {
+  std::optional<View> feed(milliseconds timeout, const std::stop_token& stop) {
     if (source_ == nullptr || !session_.wants_frame()) return std::nullopt;
     try {
-      if (const std::optional<Frame> frame = source_->next(patience, stop)) {
+      if (const std::optional<Frame> frame = source_->next(timeout, stop)) {
         due_ = std::max(Clock::now(), due_ + period_);
         return session_.on_frame(*frame, source_->status());
       }
@@ -63,7 +63,7 @@ class Video {
     }
     source_.reset();
     session_.video_ended();
-    return session_.look();
+    return session_.current_view();
   }
   // Time until the next frame must be shown.
   [[nodiscard]] milliseconds wait() const {
@@ -161,7 +161,7 @@ class Lines {
     } else if (words[0] == "key" && words.size() == 2 && words[1].size() == 1) {
       send(key_event(words[1][0]));
     } else if (words[0] == "look" && words.size() == 2) {
-      write_image(words[1], session_.look().image);
+      write_image(words[1], session_.current_view().image);
     } else if (words.size() == 1 && is_action(words[0])) {
       send(action_event(words[0]));
     } else {
@@ -205,7 +205,7 @@ ExitStatus annotate(AnnotateFlags& flags, Context& context) {
   if (!is_headless) window::prepare();  // before a journal is opened
 
   face::Annotator annotator({.seed = context.seed});
-  Propose propose;
+  PointProposer propose;
   if (flags.proposals == "on")
     propose = [&](const face::ProposalRequest& request) -> std::optional<Eigen::Matrix2Xd> {
       std::optional<face::Proposal> proposal = annotator.propose(request);

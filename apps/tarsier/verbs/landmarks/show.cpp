@@ -43,7 +43,7 @@ struct ShowFlags {
   bool plain = false;  // without symmetry colours
   int cell = 160;
   int columns = 0;
-  int most = 100;
+  int max_images = 100;
   int modes = 4;
   std::string on;   // an image on which patches are tested
   int search = 21;  // px
@@ -57,7 +57,8 @@ bool ends_with(const std::string& path, const char* ending) {
   return std::filesystem::path(path).extension() == ending;
 }
 
-void say(const nlohmann::ordered_json& line, const std::string& text, const Context& context) {
+void print_result(const nlohmann::ordered_json& line, const std::string& text,
+                  const Context& context) {
   if (context.json) {
     print_json(line);
   } else {
@@ -73,15 +74,17 @@ ExitStatus show_set(const ShowFlags& flags, Context& context) {
   style.symmetry = !flags.plain && !set.mirror.empty();
   if (flags.output.empty()) {
     window::prepare();
-    SetSession session(set, flags.file, style, flags.mirrored);
+    LandmarkSetSession session(set, flags.file, style, flags.mirrored);
     return browse_session(session, "Tarsier landmarks", flags.fullscreen, context, {});
   }
   write_image(flags.output, face::shape::contact_sheet(set, flags.file, flags.cell, flags.columns,
-                                                       flags.most, style));
-  say({{"output", flags.output}, {"samples", set.samples.size()}, {"points", set.points()}},
-      fmt::format("{}: {} of {} samples\n", flags.output,
-                  std::min<std::size_t>(set.samples.size(), static_cast<std::size_t>(flags.most)),
-                  set.samples.size()),
+                                                       flags.max_images, style));
+  print_result(
+      {{"output", flags.output}, {"samples", set.samples.size()}, {"points", set.points()}},
+      fmt::format(
+          "{}: {} of {} samples\n", flags.output,
+          std::min<std::size_t>(set.samples.size(), static_cast<std::size_t>(flags.max_images)),
+          set.samples.size()),
       context);
   return ExitStatus::kDone;
 }
@@ -106,15 +109,15 @@ ExitStatus show_shape_model(const ShowFlags& flags, Context& context) {
   } else {
     write_image(flags.output, face::shape::draw_modes(model, modes, flags.cell));
   }
-  say({{"output", flags.output},
-       {"points", model.points()},
-       {"modes", model.mode_count()},
-       {"variance", model.variance_kept},
-       {"trained_on", model.trained_on}},
-      fmt::format("{}: {} of {} modes, {} points, {:.1f} % of the variance of {} shapes\n",
-                  flags.output, modes, model.mode_count(), model.points(),
-                  100 * model.variance_kept, model.trained_on),
-      context);
+  print_result({{"output", flags.output},
+                {"points", model.points()},
+                {"modes", model.mode_count()},
+                {"variance", model.variance_kept},
+                {"trained_on", model.trained_on}},
+               fmt::format("{}: {} of {} modes, {} points, {:.1f} % of the variance of {} shapes\n",
+                           flags.output, modes, model.mode_count(), model.points(),
+                           100 * model.variance_kept, model.trained_on),
+               context);
   return ExitStatus::kDone;
 }
 
@@ -159,10 +162,10 @@ ExitStatus show_responses(const ShowFlags& flags, const face::landmarks::Landmar
        face::landmarks::point_responses(*model.patches, image.gray, image.points, flags.search)) {
     best += response.best / model.points();
   }
-  say({{"output", flags.output}, {"points", model.points()}, {"response", best}},
-      fmt::format("{}: {} responses, at best {:.2f} on average\n", flags.output, model.points(),
-                  best),
-      context);
+  print_result({{"output", flags.output}, {"points", model.points()}, {"response", best}},
+               fmt::format("{}: {} responses, at best {:.2f} on average\n", flags.output,
+                           model.points(), best),
+               context);
   return ExitStatus::kDone;
 }
 
@@ -204,8 +207,9 @@ ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
     if (model.has(method)) has += fmt::format("{}{}", has.empty() ? "" : ", ", name_of(method));
   }
   about["methods"] = has;
-  say(about, fmt::format("{}: {} points; methods: {}\n", flags.output, model.points(), has),
-      context);
+  print_result(about,
+               fmt::format("{}: {} points; methods: {}\n", flags.output, model.points(), has),
+               context);
   return ExitStatus::kDone;
 }
 
@@ -216,13 +220,13 @@ ExitStatus show_detector(const ShowFlags& flags, Context& context) {
   const cv::Mat filter =
       face::landmarks::draw_hog_detector(model, std::clamp(flags.cell / 5, 8, 100));
   write_image(flags.output, filter);
-  say({{"output", flags.output},
-       {"window", {model.width, model.height}},
-       {"threshold", model.threshold},
-       {"knows_shapes", model.box.has_value()}},
-      fmt::format("{}: window of {}x{} px, {} weights\n", flags.output, model.width, model.height,
-                  model.weights.size()),
-      context);
+  print_result({{"output", flags.output},
+                {"window", {model.width, model.height}},
+                {"threshold", model.threshold},
+                {"knows_shapes", model.box.has_value()}},
+               fmt::format("{}: window of {}x{} px, {} weights\n", flags.output, model.width,
+                           model.height, model.weights.size()),
+               context);
   return ExitStatus::kDone;
 }
 
@@ -282,9 +286,10 @@ void add_flags(Command& verb, ShowFlags& flags) {
   of_set(verb.add_option("--columns", flags.columns, "number of columns of the sheet; 0: automatic")
              .check(range(0, 100))
              .show_default());
-  of_set(verb.add_option("--max-samples", flags.most, "maximum number of samples on the sheet")
-             .check(range(1, 10000))
-             .show_default());
+  of_set(
+      verb.add_option("--max-samples", flags.max_images, "maximum number of samples on the sheet")
+          .check(range(1, 10000))
+          .show_default());
   verb.add_option("--cell", flags.cell, "px, side of a cell of the sheet or strip")
       .check(range(40, 1000))
       .show_default();

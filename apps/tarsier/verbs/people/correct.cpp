@@ -29,7 +29,7 @@ struct CorrectFlags {
   bool groups = false;
 };
 
-std::vector<std::int64_t> wide(const std::vector<int>& ids) { return {ids.begin(), ids.end()}; }
+std::vector<std::int64_t> to_int64(const std::vector<int>& ids) { return {ids.begin(), ids.end()}; }
 
 std::int64_t group_of(const std::string& text) {
   std::int64_t id = 0;
@@ -54,7 +54,7 @@ nlohmann::ordered_json json_of(const Correction& entry) {
   return line;
 }
 
-ExitStatus tell(Gallery& gallery, std::int64_t id, const Context& context) {
+ExitStatus report_correction(Gallery& gallery, std::int64_t id, const Context& context) {
   const auto entry = gallery.correction(id);
   if (!entry) return ExitStatus::kDone;
   if (context.json) {
@@ -76,25 +76,27 @@ ExitStatus correct_not(const CorrectFlags& flags, const Context& context) {
   if ((flags.face == 0) == (flags.sighting == 0))
     throw UsageError("give either --face ID or --sighting ID");
   Gallery gallery = open(flags);
-  return tell(gallery,
-              flags.face > 0 ? gallery.not_this_face(flags.face, correction_stamp())
-                             : gallery.not_this_sighting(flags.sighting, correction_stamp()),
-              context);
+  return report_correction(gallery,
+                           flags.face > 0
+                               ? gallery.not_this_face(flags.face, correction_stamp())
+                               : gallery.not_this_sighting(flags.sighting, correction_stamp()),
+                           context);
 }
 
 ExitStatus correct_move(const CorrectFlags& flags, const Context& context) {
   Gallery gallery = open(flags);
-  return tell(gallery, gallery.move_faces(wide(flags.faces), flags.to, correction_stamp()),
-              context);
+  return report_correction(
+      gallery, gallery.move_faces(to_int64(flags.faces), flags.to, correction_stamp()), context);
 }
 
 ExitStatus correct_merge(const CorrectFlags& flags, const Context& context) {
   Gallery gallery = open(flags);
-  return tell(gallery,
-              flags.groups ? gallery.merge_groups(group_of(flags.from), group_of(flags.to),
-                                                  correction_stamp())
-                           : gallery.merge_people(flags.from, flags.to, correction_stamp()),
-              context);
+  return report_correction(
+      gallery,
+      flags.groups
+          ? gallery.merge_groups(group_of(flags.from), group_of(flags.to), correction_stamp())
+          : gallery.merge_people(flags.from, flags.to, correction_stamp()),
+      context);
 }
 
 ExitStatus correct_split(const CorrectFlags& flags, const Context& context) {
@@ -103,23 +105,24 @@ ExitStatus correct_split(const CorrectFlags& flags, const Context& context) {
       throw UsageError("--group can only be combined with --sighting");
     if (flags.sightings.empty()) throw UsageError("--sighting ID is missing");
     Gallery gallery = open(flags);
-    return tell(gallery,
-                gallery.split_group(flags.group, wide(flags.sightings), correction_stamp()),
-                context);
+    return report_correction(
+        gallery, gallery.split_group(flags.group, to_int64(flags.sightings), correction_stamp()),
+        context);
   }
   if (flags.from.empty() || flags.to.empty())
     throw UsageError("give FROM TO --face ID, or --group ID --sighting ID");
   if (!flags.sightings.empty()) throw UsageError("--sighting needs --group");
   if (flags.faces.empty()) throw UsageError("--face ID is missing");
   Gallery gallery = open(flags);
-  return tell(gallery,
-              gallery.split_person(flags.from, wide(flags.faces), flags.to, correction_stamp()),
-              context);
+  return report_correction(
+      gallery,
+      gallery.split_person(flags.from, to_int64(flags.faces), flags.to, correction_stamp()),
+      context);
 }
 
 ExitStatus correct_undo(const CorrectFlags& flags, const Context& context) {
   Gallery gallery = open(flags);
-  return tell(gallery, gallery.undo(flags.id, correction_stamp()), context);
+  return report_correction(gallery, gallery.undo(flags.id, correction_stamp()), context);
 }
 
 struct LogFlags {

@@ -60,10 +60,10 @@ void add_template_flags(Command& verb, PeopleFlags& flags) {
 
 std::string background_of(const PeopleFlags& flags) {
   if (!flags.background.empty() || flags.embedding.empty()) return flags.background;
-  std::filesystem::path beside = flags.embedding;
-  beside.replace_extension(".people.json");
+  std::filesystem::path candidate = flags.embedding;
+  candidate.replace_extension(".people.json");
   std::error_code error;
-  return std::filesystem::is_regular_file(beside, error) ? beside.string() : std::string();
+  return std::filesystem::is_regular_file(candidate, error) ? candidate.string() : std::string();
 }
 
 face::SharedNetwork own_network(const PeopleFlags& flags) {
@@ -90,7 +90,7 @@ face::people::FaceReaderOptions reading_options(const PeopleFlags& flags,
   options.finder.detector.min_face = flags.min_face;
   options.finder.thorough = flags.thorough;
   options.finder.rolled = face::landmarks::parse_rolled_search(flags.rolled);
-  if (uncertain == UncertainFaces::kToo) options.min_uncertain = face::people::kMinUncertain;
+  if (uncertain == UncertainFaces::kInclude) options.min_uncertain = face::people::kMinUncertain;
   if (!flags.detector_model.empty())
     options.finder.external_detector = face::onnx::load_box_detector(flags.detector_model);
   return options;
@@ -102,7 +102,7 @@ face::IdentifierOptions identifier_options(const PeopleFlags& flags) {
   options.background = background_of(flags);
   options.templates = template_kind(flags);
   options.network = own_network(flags);
-  options.reading = reading_options(flags, UncertainFaces::kToo);
+  options.reading = reading_options(flags, UncertainFaces::kInclude);
   return options;
 }
 
@@ -185,7 +185,7 @@ ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size, 
         face = reader->face_from_eyes(gray, {*entry.left_eye, *entry.right_eye});
       } else {
         std::vector<face::people::Face> found = reader->read(gray);
-        if (!found.empty() && (found.front().trusted || uncertain == UncertainFaces::kToo))
+        if (!found.empty() && (found.front().trusted || uncertain == UncertainFaces::kInclude))
           face = std::move(found.front());
       }
       if (!face) {

@@ -46,7 +46,7 @@ void add_template_flags(Command& verb, PeopleFlags& flags);
 [[nodiscard]] face::TemplateKind template_kind(const PeopleFlags& flags);
 // Whether an image without a trusted face yields its most likely face, see
 // face::people::FaceReaderOptions::min_uncertain.
-enum class UncertainFaces { kNone, kToo };
+enum class UncertainFaces { kExclude, kInclude };
 // Throws UsageError for an unknown eye method, ModelError for --detector-model.
 [[nodiscard]] face::people::FaceReaderOptions reading_options(const PeopleFlags& flags,
                                                               UncertainFaces uncertain);
@@ -56,7 +56,7 @@ enum class UncertainFaces { kNone, kToo };
 [[nodiscard]] face::Identifier load_identifier(const face::IdentifierOptions& options);
 // Uses the installed models. Throws UsageError, ModelError.
 [[nodiscard]] face::people::FaceReader make_face_reader(
-    const PeopleFlags& flags, UncertainFaces uncertain = UncertainFaces::kNone);
+    const PeopleFlags& flags, UncertainFaces uncertain = UncertainFaces::kExclude);
 
 // face::load_background() for the flag.
 [[nodiscard]] std::optional<face::recognition::Background> find_background(
@@ -90,7 +90,7 @@ struct ListedFaces {
 [[nodiscard]] ListedFaces read_listed_faces(const std::string& list, bool raw, cv::Size size,
                                             bool classical, face::people::FaceReader* reader,
                                             Context& context,
-                                            UncertainFaces uncertain = UncertainFaces::kNone);
+                                            UncertainFaces uncertain = UncertainFaces::kExclude);
 
 // "2024-05-01T12:30:15.250Z"
 [[nodiscard]] std::string time_text(std::int64_t ms);

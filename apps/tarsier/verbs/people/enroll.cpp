@@ -23,7 +23,7 @@ struct EnrollFlags {
   std::string note;
   std::vector<std::string> inputs;
   SourceOptions source;
-  std::int64_t most = 20;
+  std::int64_t max_faces = 20;
   bool largest = false;
   bool any_quality = false;
   face::people::CollectOptions collect;
@@ -35,7 +35,7 @@ class Enrolment {
   Enrolment(const EnrollFlags& flags, Context& context)
       : flags_(flags),
         context_(context),
-        faces_(make_face_reader(flags.people, UncertainFaces::kToo), nullptr),
+        faces_(make_face_reader(flags.people, UncertainFaces::kInclude), nullptr),
         collector_(flags.collect),
         gallery_(flags.people.gallery, DatabaseAccess::kCreate),
         background_(background_to_enroll(gallery_, flags.people)),
@@ -49,9 +49,9 @@ class Enrolment {
       coordinates_ = known->space < 0;
       before_.emplace(gallery_, background(), std::move(known), face::people::SearchMode::kIndexed);
     }
-    while (!source->ended() && taken() < flags_.most && !context_.stop.stop_requested()) {
+    while (!source->ended() && taken() < flags_.max_faces && !context_.stop.stop_requested()) {
       const auto frame = source->next(std::chrono::milliseconds(200), context_.stop);
-      if (frame) take(*frame);
+      if (frame) process(*frame);
     }
     const std::vector<std::string> others =
         before_ && !crops_.empty() ? face::people::duplicate_names(*before_, crops_, flags_.name)
@@ -84,7 +84,7 @@ class Enrolment {
     }
   }
 
-  void take(const Frame& frame) {
+  void process(const Frame& frame) {
     if (frame.name != source_name_) {
       source_name_ = frame.name;
       if (!frame.still) collector_.reset();
@@ -166,7 +166,7 @@ void add_flags(Command& verb, EnrollFlags& flags) {
       .required();
   add_gallery_flag(verb, flags.people);
   verb.add_option("--note", flags.note, "note on the consent: who agreed to what, and when");
-  verb.add_option("--faces", flags.most, "stop after this many faces")
+  verb.add_option("--faces", flags.max_faces, "stop after this many faces")
       .check(range(1, 100000))
       .show_default();
   verb.add_flag("--largest", flags.largest, "use only the largest face of an image");

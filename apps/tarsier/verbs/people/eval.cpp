@@ -50,7 +50,7 @@ nlohmann::ordered_json json_of(const Rate& rate) {
 }
 
 // Uncertain faces count as probes. An image without a face counts as a wrong probe in every split.
-Rate identified_of_all(const EvaluationResult& result, std::size_t missed) {
+Rate overall_identification_rate(const EvaluationResult& result, std::size_t missed) {
   Rate out = result.rate(&SeedResult::identified);
   const Rate uncertain = result.rate(&SeedResult::uncertain_identified);
   if (out.draws == 0 || (missed == 0 && uncertain.draws == 0)) return out;
@@ -70,7 +70,7 @@ std::ptrdiff_t count_uncertain(const ListedFaces& listed) {
 nlohmann::ordered_json line_of(const EvaluationResult& result, const ListedFaces& listed,
                                const std::string& background) {
   const SeedResult m = result.mean();
-  const Rate identified = identified_of_all(result, listed.missed.size());
+  const Rate identified = overall_identification_rate(result, listed.missed.size());
   nlohmann::ordered_json line = {
       {"algorithm", face::recognition::name_of(result.algorithm)},
       {"training", result.options.gallery > 0 ? nlohmann::ordered_json(nullptr)
@@ -124,7 +124,7 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
   const SeedResult m = result.mean();
   std::string text =
       fmt::format("{:<8} identified          {}\n", face::recognition::name_of(result.algorithm),
-                  text_of(identified_of_all(result, missed)));
+                  text_of(overall_identification_rate(result, missed)));
   if (result.options.open_set) {
     if (m.calibrated) {
       text += fmt::format(
@@ -162,9 +162,9 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
                             m.identify_ms);
 }
 
-ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
-                         const std::optional<face::recognition::Background>& background,
-                         Context& context) {
+ExitStatus fit_same_camera_constants(const EvalFlags& flags, const ListedFaces& listed,
+                                     const std::optional<face::recognition::Background>& background,
+                                     Context& context) {
   if (!background) throw UsageError("--fit-same-camera needs a background");
   const face::recognition::SameCameraAdjustment compiled =
       face::recognition::same_camera_adjustment(background->network ? Algorithm::kDeep
@@ -201,25 +201,25 @@ ExitStatus fit_constants(const EvalFlags& flags, const ListedFaces& listed,
 // training faces. Throws InputError if a person of the list has no detected face in --train-list.
 ListedFaces read_faces(const EvalFlags& flags, cv::Size size, face::people::FaceReader* reader,
                        Context& context, int& gallery) {
-  ListedFaces asked =
-      read_listed_faces(flags.list, flags.raw, size, false, reader, context, UncertainFaces::kToo);
-  for (const std::string& image : asked.missed) log_warning("{}: no face", image);
+  ListedFaces probes = read_listed_faces(flags.list, flags.raw, size, false, reader, context,
+                                         UncertainFaces::kInclude);
+  for (const std::string& image : probes.missed) log_warning("{}: no face", image);
   gallery = 0;
-  if (flags.train_list.empty()) return asked;
+  if (flags.train_list.empty()) return probes;
   ListedFaces out = read_listed_faces(flags.train_list, flags.raw, size, false, reader, context);
   for (const std::string& image : out.missed) log_warning("{}: no face", image);
   gallery = static_cast<int>(out.faces.size());
-  for (const std::string& label : asked.labels)
+  for (const std::string& label : probes.labels)
     if (std::find(out.labels.begin(), out.labels.begin() + gallery, label) ==
         out.labels.begin() + gallery)
       throw InputError(
           flags.list,
           fmt::format("{} has no face in {}: each probe person needs a training image there",
                       printable(label), flags.train_list));
-  out.missed = std::move(asked.missed);
-  std::move(asked.faces.begin(), asked.faces.end(), std::back_inserter(out.faces));
-  std::move(asked.labels.begin(), asked.labels.end(), std::back_inserter(out.labels));
-  out.trusted.insert(out.trusted.end(), asked.trusted.begin(), asked.trusted.end());
+  out.missed = std::move(probes.missed);
+  std::move(probes.faces.begin(), probes.faces.end(), std::back_inserter(out.faces));
+  std::move(probes.labels.begin(), probes.labels.end(), std::back_inserter(out.labels));
+  out.trusted.insert(out.trusted.end(), probes.trusted.begin(), probes.trusted.end());
   return out;
 }
 
@@ -272,7 +272,7 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   std::optional<face::people::FaceReader> reader;
   if (!flags.raw)
     reader.emplace(make_face_reader(
-        flags.people, flags.fit_same_camera ? UncertainFaces::kNone : UncertainFaces::kToo));
+        flags.people, flags.fit_same_camera ? UncertainFaces::kExclude : UncertainFaces::kInclude));
   // All algorithms share these crops; the classical preparation is computed from them.
   face::recognition::EvaluationOptions options;
   const ListedFaces listed =
@@ -284,7 +284,8 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   options.stated_rate = flags.rate;
   options.enrolled = flags.enrolled;
   if (flags.fit_same_camera)
-    return fit_constants(flags, listed, only_deep ? deep_background : background, context);
+    return fit_same_camera_constants(flags, listed, only_deep ? deep_background : background,
+                                     context);
   std::vector<EvaluationResult> results;
   if (!context.json) {
     const std::string training = options.gallery > 0

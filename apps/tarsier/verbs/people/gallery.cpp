@@ -61,11 +61,11 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
     const auto age = plate::parse_duration(flags.keep, "--keep");
     face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
     const std::int64_t deleted = gallery.forget_sightings_before(now_ms() - age.count());
-    const std::int64_t kept = gallery.sighting_count();
+    const std::int64_t remaining = gallery.sighting_count();
     if (context.json) {
-      print_json({{"deleted", deleted}, {"kept", kept}});
+      print_json({{"deleted", deleted}, {"kept", remaining}});
     } else {
-      print_text(fmt::format("{} sightings deleted, {} kept\n", deleted, kept));
+      print_text(fmt::format("{} sightings deleted, {} kept\n", deleted, remaining));
     }
     return ExitStatus::kDone;
   }
@@ -117,7 +117,7 @@ ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
 }
 
 // Asks the user, which needs a terminal.
-bool agreed(const std::string& name, const std::string& what) {
+bool confirmed_by_user(const std::string& name, const std::string& what) {
   if (isatty(STDIN_FILENO) == 0)
     throw UsageError("forgetting cannot be undone: without a terminal, confirm it with --yes");
   print_text(fmt::format("Forget '{}' with {} for good? [y/N] ", printable(name), what));
@@ -175,9 +175,9 @@ std::string forget_text(const std::string& name, const face::people::ForgetRepor
   return text;
 }
 
-ExitStatus tell_forgotten(const face::people::Gallery& gallery, const std::string& name,
-                          const face::people::ForgetReport& report, const GalleryFlags& flags,
-                          const Context& context) {
+ExitStatus report_deletion(const face::people::Gallery& gallery, const std::string& name,
+                           const face::people::ForgetReport& report, const GalleryFlags& flags,
+                           const Context& context) {
   const face::people::SearchReport& search = report.search;
   if (context.json) {
     print_json({{"name", name},
@@ -229,11 +229,11 @@ ExitStatus forget_group(face::people::Gallery& gallery, const GalleryFlags& flag
     log_warning("{}: there is no {}", flags.people.gallery, name);
     return ExitStatus::kNothingFound;
   }
-  if (!flags.yes && !agreed(name, fmt::format("{} sightings", group->sightings)))
+  if (!flags.yes && !confirmed_by_user(name, fmt::format("{} sightings", group->sightings)))
     return ExitStatus::kNothingFound;
   const auto report = gallery.forget_group(flags.group, context.stop);
   if (!report) return ExitStatus::kNothingFound;
-  return tell_forgotten(gallery, name, *report, flags, context);
+  return report_deletion(gallery, name, *report, flags, context);
 }
 
 ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
@@ -246,11 +246,11 @@ ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
     log_warning("{}: nobody is enrolled as '{}'", flags.people.gallery, flags.name);
     return ExitStatus::kNothingFound;
   }
-  if (!flags.yes && !agreed(person->name, fmt::format("{} faces", person->faces)))
+  if (!flags.yes && !confirmed_by_user(person->name, fmt::format("{} faces", person->faces)))
     return ExitStatus::kNothingFound;
   const auto report = gallery.forget(flags.name, context.stop);
   if (!report) return ExitStatus::kNothingFound;
-  return tell_forgotten(gallery, flags.name, *report, flags, context);
+  return report_deletion(gallery, flags.name, *report, flags, context);
 }
 
 ExitStatus export_people(const GalleryFlags& flags, Context& context) {

@@ -67,11 +67,11 @@ struct GroupsFlags {
 void draw_groups(face::people::Gallery& gallery,
                  const std::vector<face::people::SightingGroup>& groups, const std::string& path) {
   constexpr std::size_t kColumns = 8;
-  constexpr std::size_t kMost = 200;  // max rows: larger images are of no use
+  constexpr std::size_t kMaxRows = 200;  // max rows: larger images are of no use
   std::vector<cv::Mat> rows;
   for (const auto& group : groups) {
-    if (rows.size() == kMost) {
-      log_warning("the first {} groups are drawn, of {}", kMost, groups.size());
+    if (rows.size() == kMaxRows) {
+      log_warning("the first {} groups are drawn, of {}", kMaxRows, groups.size());
       break;
     }
     auto sightings = gallery.group_sightings(group.id);
@@ -150,7 +150,7 @@ struct NameFlags {
   int group = 0;
   std::string name;
   std::string note;
-  std::int64_t most = 20;
+  std::int64_t max_faces = 20;
 };
 
 ExitStatus name_group(const NameFlags& flags, Context& context) {
@@ -158,7 +158,7 @@ ExitStatus name_group(const NameFlags& flags, Context& context) {
   if (!flags.people.background.empty()) static_cast<void>(find_background(flags.people));
   face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   const std::int64_t id =
-      gallery.name_group(flags.group, flags.name, flags.note, flags.most, correction_stamp());
+      gallery.name_group(flags.group, flags.name, flags.note, flags.max_faces, correction_stamp());
   const auto person = gallery.find(flags.name);
   const auto entry = gallery.correction(id);
   if (context.json) {
@@ -205,7 +205,7 @@ void add_name_flags(Command& verb, NameFlags& flags) {
       .required();
   add_gallery_flag(verb, flags.people);
   verb.add_option("--note", flags.note, "note on the consent: who agreed to what, and when");
-  verb.add_option("--faces", flags.most, "maximum number of faces to enrol, best first")
+  verb.add_option("--faces", flags.max_faces, "maximum number of faces to enrol, best first")
       .check(range(1, 1000))
       .show_default();
   add_template_flags(verb, flags.people);

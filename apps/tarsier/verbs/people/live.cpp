@@ -68,7 +68,7 @@ ExitStatus live(LiveFlags& flags, Context& context) {
     if (frame.still) session.count_unknown();
     for (const face::IdentifiedFace& face : session.faces())
       if (const std::int64_t id = sightings->sighting_of(face.face.id); id > 0)
-        session.stored(face.face.id, id);
+        session.on_sighting_stored(face.face.id, id);
   };
   hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
     line["faces"] = nlohmann::ordered_json::array();

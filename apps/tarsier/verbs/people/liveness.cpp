@@ -21,7 +21,7 @@ struct LivenessFlags {
   bool fixed_order = false;
 };
 
-ExitStatus ask(LivenessFlags& flags, Context& context) {
+ExitStatus run_liveness(LivenessFlags& flags, Context& context) {
   default_to_headless(flags.run);
   using face::head::LivenessState;
   face::PoseTrackerOptions options;
@@ -83,7 +83,7 @@ void add_flags(Command& verb, LivenessFlags& flags) {
 void add_people_liveness(Command& area, Context& context) {
   add_verb<LivenessFlags>(
       area, "liveness", "check liveness by blink and turn tasks; exit status 0: passed, 1: failed",
-      context, add_flags, ask);
+      context, add_flags, run_liveness);
 }
 
 }  // namespace tarsier::cli

@@ -16,7 +16,7 @@ namespace tarsier::cli {
 namespace {
 
 // A face that is lost for this time does not get its number again.
-constexpr double kLost_s = 60;
+constexpr double kMaxLostTime_s = 60;
 
 // The face with a margin, cropped from the image.
 cv::Mat crop_of(const cv::Mat& image, const cv::Rect2d& box) {
@@ -47,11 +47,11 @@ void RecognitionEvents::frame(const Frame& frame, const std::vector<face::Identi
   for (const face::IdentifiedFace& face : faces) {
     if (face.identity.label.empty()) continue;
     const bool video = !frame.still && face.face.id > 0;
-    const std::string what = (face.identity.known ? "+" : "-") + face.identity.label;
+    const std::string label = (face.identity.known ? "+" : "-") + face.identity.label;
     if (video) {
       Reported& reported = reported_[face.face.id];
       reported.time = frame.time;
-      if (std::exchange(reported.what, what) == what) continue;
+      if (std::exchange(reported.label, label) == label) continue;
     }
     if (!face.identity.known || !on_event_) continue;
     nlohmann::ordered_json line{{"event", "person"}};
@@ -66,7 +66,7 @@ void RecognitionEvents::frame(const Frame& frame, const std::vector<face::Identi
     on_event_.post(line, crop_of(frame.image, face.face.box));
   }
   std::erase_if(reported_,
-                [&](const auto& entry) { return frame.time - entry.second.time > kLost_s; });
+                [&](const auto& entry) { return frame.time - entry.second.time > kMaxLostTime_s; });
 }
 
 }  // namespace tarsier::cli

@@ -28,7 +28,7 @@ class RecognitionEvents {
 
  private:
   struct Reported {
-    std::string what;
+    std::string label;
     double time = 0;  // when the face was last seen, s
   };
   OnEvent& on_event_;

@@ -8,10 +8,10 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr double kSettled = 2;  // s; a face that is unknown for this time is a sighting
-constexpr double kLost = 60;    // s; after this time a lost face does not get its number again
+constexpr double kMinUnknownTime_s = 2;  // a face that is unknown for this time is a sighting
+constexpr double kMaxLostTime_s = 60;  // after this time a lost face does not get its number again
 // A better face replaces the stored one if its quality is higher by this factor.
-constexpr double kBetter = 1.15;
+constexpr double kMinQualityRatio = 1.15;
 
 face::people::SightingFace seen(const face::people::Face& face) {
   return {face.crop.clone(), face.quality.score(), face::people::quality_json(face.quality).dump()};
@@ -27,11 +27,11 @@ bool SightingWriter::is_good(const face::people::Face& face) const {
 }
 
 void SightingWriter::write(Track& track, std::int64_t time, const std::string& label, bool known) {
-  const bool good = !track.best.crop.empty();
+  const bool has_face = !track.best.crop.empty();
   track.sighting = gallery_.add_sighting(time, track.name, label, known, track.confidence,
-                                         good ? &track.best : nullptr);
-  track.stored = good ? track.best.quality : 0;
-  if (!good) track.sighting = 0;
+                                         has_face ? &track.best : nullptr);
+  track.stored = has_face ? track.best.quality : 0;
+  if (!has_face) track.sighting = 0;
 }
 
 void SightingWriter::end(Track& track) {
@@ -39,15 +39,15 @@ void SightingWriter::end(Track& track) {
     write(track, track.since, track.nearest, false);
 }
 
-void SightingWriter::look(Track& track, const face::IdentifiedFace& face, const Frame& frame,
-                          std::int64_t now) {
+void SightingWriter::update(Track& track, const face::IdentifiedFace& face, const Frame& frame,
+                            std::int64_t now) {
   track.last_time = frame.time;
   track.name = frame.name;
   track.confidence = face.identity.confidence;
-  const bool good = is_good(face.face);
+  const bool has_face = is_good(face.face);
   const bool changed = face.identity.known && face.identity.label != track.known_as;
   if (changed && !track.known_as.empty()) track.best = {};  // these faces may be of either person
-  if (good && (track.best.crop.empty() || face.face.quality.score() > track.best.quality))
+  if (has_face && (track.best.crop.empty() || face.face.quality.score() > track.best.quality))
     track.best = seen(face.face);
   if (changed) {
     write(track, now, face.identity.label, true);
@@ -56,12 +56,12 @@ void SightingWriter::look(Track& track, const face::IdentifiedFace& face, const 
   }
   if (!face.identity.known) track.nearest = face.identity.label;
   if (track.known_as.empty() && !track.written_unknown &&
-      frame.time - track.first_time >= kSettled) {
+      frame.time - track.first_time >= kMinUnknownTime_s) {
     write(track, track.since, track.nearest, false);
     track.written_unknown = true;
     return;
   }
-  if (track.sighting > 0 && track.best.quality >= kBetter * track.stored) {
+  if (track.sighting > 0 && track.best.quality >= kMinQualityRatio * track.stored) {
     if (!gallery_.improve_sighting(track.sighting, track.best)) track.sighting = 0;
     track.stored = track.best.quality;
   }
@@ -79,18 +79,18 @@ void SightingWriter::frame(const Frame& frame, const std::vector<face::Identifie
         track->second.first_time = frame.time;
         track->second.since = now;
       }
-      look(track->second, face, frame, now);
+      update(track->second, face, frame, now);
       continue;
     }
     if (!face.face.trusted && !face.identity.known) continue;  // it may be no face
-    Track one;
-    one.name = frame.name;
-    one.confidence = face.identity.confidence;
-    if (is_good(face.face)) one.best = seen(face.face);
-    write(one, now, face.identity.label, face.identity.known);
+    Track track;
+    track.name = frame.name;
+    track.confidence = face.identity.confidence;
+    if (is_good(face.face)) track.best = seen(face.face);
+    write(track, now, face.identity.label, face.identity.known);
   }
   for (auto track = tracks_.begin(); track != tracks_.end();) {
-    if (frame.time - track->second.last_time <= kLost) {
+    if (frame.time - track->second.last_time <= kMaxLostTime_s) {
       ++track;
       continue;
     }

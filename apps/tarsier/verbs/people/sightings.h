@@ -49,7 +49,7 @@ class SightingWriter {
   };
   // Whether the quality is high enough to keep the face.
   [[nodiscard]] bool is_good(const face::people::Face& face) const;
-  void look(Track& track, const face::IdentifiedFace& face, const Frame& frame, std::int64_t now);
+  void update(Track& track, const face::IdentifiedFace& face, const Frame& frame, std::int64_t now);
   void write(Track& track, std::int64_t time, const std::string& label, bool known);
   void end(Track& track);
 

@@ -40,8 +40,8 @@ std::int64_t learned_from(const face::recognition::Recognizer& model) {
   return std::min<std::int64_t>(model.templates.rows(), face::recognition::kMaxTrainingFaces);
 }
 
-void tell(const face::recognition::Recognizer& model, const Context& context,
-          const std::string& where) {
+void print_result(const face::recognition::Recognizer& model, const Context& context,
+                  const std::string& location) {
   const auto& calibration = model.calibration;
   if (context.json) {
     nlohmann::ordered_json line = {
@@ -57,14 +57,14 @@ void tell(const face::recognition::Recognizer& model, const Context& context,
       line["threshold_1_percent"] =
           calibration->threshold(0.01, static_cast<int>(model.labels.size()));
     }
-    line["output"] = where;
+    line["output"] = location;
     print_json(line);
     return;
   }
   std::string text =
       fmt::format("{}: {} people, {} faces, learned from {} -> {}\n",
                   face::recognition::name_of(model.options.algorithm), model.labels.size(),
-                  model.templates.rows(), learned_from(model), printable(where));
+                  model.templates.rows(), learned_from(model), printable(location));
   if (calibration) {
     text += fmt::format(
         "  threshold for 1 false accept in 100: {:.3f}; from {} impostor scores of {} held-out "
@@ -80,7 +80,7 @@ void tell(const face::recognition::Recognizer& model, const Context& context,
   print_text(text);
 }
 
-bool deep(const TrainFlags& flags) {
+bool uses_deep_templates(const TrainFlags& flags) {
   return template_kind(flags.people) == face::TemplateKind::kDeep;
 }
 
@@ -90,7 +90,7 @@ ExitStatus train_background(const TrainFlags& flags, Context& context) {
       read_listed_faces(flags.background_list, flags.raw, {}, false, &reader, context);
   face::recognition::BackgroundOptions options;
   options.seed = context.seed;
-  if (deep(flags)) {
+  if (uses_deep_templates(flags)) {
     options.network = face::load_deep_network(ModelStore::find(), own_network(flags.people));
     // A gallery's own scatter is less reliable than the network's training.
     options.within_weight = 200;
@@ -128,7 +128,7 @@ ExitStatus train_list(const TrainFlags& flags, Context& context) {
   using face::recognition::Algorithm;
   face::recognition::RecognizerOptions options;
   if (!flags.algorithm.empty()) options.algorithm = algorithm_of(flags.algorithm);
-  if (deep(flags)) options.algorithm = Algorithm::kDeep;
+  if (uses_deep_templates(flags)) options.algorithm = Algorithm::kDeep;
   const bool classical = !face::recognition::is_whitened(options.algorithm);
   std::optional<face::people::FaceReader> reader;
   if (!flags.raw) reader.emplace(make_face_reader(flags.people));
@@ -152,7 +152,7 @@ ExitStatus train_list(const TrainFlags& flags, Context& context) {
                                       {{"program", fmt::format("tarsier {}", version())},
                                        {"raw", flags.raw},
                                        {"faces", listed.faces.size()}});
-  tell(model, context, flags.output);
+  print_result(model, context, flags.output);
   return ExitStatus::kDone;
 }
 
@@ -160,7 +160,7 @@ ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
   face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   if (!flags.algorithm.empty()) {
     gallery.set_algorithm(face::recognition::name_of(algorithm_of(flags.algorithm)));
-  } else if (deep(flags)) {
+  } else if (uses_deep_templates(flags)) {
     const face::SharedNetwork own = own_network(flags.people);
     static_cast<void>(face::load_deep_network(ModelStore::find(), own));
     if (own) static_cast<void>(find_deep_background(flags.people));
@@ -180,12 +180,12 @@ ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
     face::recognition::write_recognizer(flags.output, *model,
                                         {{"program", fmt::format("tarsier {}", version())}});
   }
-  tell(*model, context, flags.output.empty() ? flags.people.gallery : flags.output);
+  print_result(*model, context, flags.output.empty() ? flags.people.gallery : flags.output);
   return ExitStatus::kDone;
 }
 
 ExitStatus train(const TrainFlags& flags, Context& context) {
-  if (deep(flags) && !flags.algorithm.empty() && flags.algorithm != "deep")
+  if (uses_deep_templates(flags) && !flags.algorithm.empty() && flags.algorithm != "deep")
     throw UsageError("--template deep (or --embedding) or --algorithm, not both");
   if (!flags.list.empty() && !flags.background_list.empty())
     throw UsageError("--list or --learn-background, not both");

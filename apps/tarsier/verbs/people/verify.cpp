@@ -25,7 +25,7 @@ struct VerifyFlags {
   BatchFlags batch;
 };
 
-struct Verdict {
+struct VerificationResult {
   bool same = false;
   double score = 0;
   double threshold = 0;
@@ -35,9 +35,10 @@ struct Verdict {
 
 // Compares with the claimed person only. So a stranger has one chance of a false accept, not one
 // for each enrolled person.
-Verdict verdict_of(const face::recognition::Recognizer& model, const face::people::Face& face,
-                   const std::string& name, double rate) {
-  Verdict out;
+VerificationResult verify_face(const face::recognition::Recognizer& model,
+                               const face::people::Face& face, const std::string& name,
+                               double rate) {
+  VerificationResult out;
   out.trusted = face.trusted;
   const auto features = face::recognition::template_of(
       model, face::people::recognizer_input(model.options.algorithm, face.crop));
@@ -64,11 +65,11 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
     throw InputError(flags.people.gallery,
                      fmt::format("'{}' has no faces yet", printable(flags.name)));
   }
-  face::people::FaceReader reader = make_face_reader(flags.people, UncertainFaces::kToo);
+  face::people::FaceReader reader = make_face_reader(flags.people, UncertainFaces::kInclude);
   bool all = true;
   bool any = false;
   std::unique_ptr<Batch> batch;
-  if (flags.batch.wanted()) {
+  if (flags.batch.is_requested()) {
     batch =
         std::make_unique<Batch>(flags.batch, BatchTable(), flags.inputs, input_schemes(), context);
     context.is_batch = true;
@@ -81,33 +82,33 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
     cv::Mat gray;
     cv::cvtColor(frame->image, gray, cv::COLOR_BGR2GRAY);
     const auto faces = reader.read(gray);
-    std::optional<Verdict> verdict;
+    std::optional<VerificationResult> result;
     // Of several faces, the one most similar to the person counts.
     for (const face::people::Face& face : faces) {
-      const Verdict one = verdict_of(*model, face, flags.name, flags.rate);
-      if (!verdict || one.score > verdict->score) verdict = one;
+      const VerificationResult one = verify_face(*model, face, flags.name, flags.rate);
+      if (!result || one.score > result->score) result = one;
     }
-    any = any || verdict;
-    all = all && verdict && verdict->same;
+    any = any || result;
+    all = all && result && result->same;
     nlohmann::ordered_json line = {{"image", frame->name}, {"name", flags.name}};
-    line["same"] = verdict && verdict->same;
+    line["same"] = result && result->same;
     line["faces"] = faces.size();
-    if (verdict) {
-      line["confidence"] = rounded(verdict->confidence, 4);
-      line["score"] = verdict->score;
-      line["threshold"] = verdict->threshold;
-      line["trusted"] = verdict->trusted;
+    if (result) {
+      line["confidence"] = rounded(result->confidence, 4);
+      line["score"] = result->score;
+      line["threshold"] = result->threshold;
+      line["trusted"] = result->trusted;
     }
     if (batch) batch->record(frame->index, line, {});
     if (context.json) {
       print_json(line);
-    } else if (!verdict) {
+    } else if (!result) {
       print_text(fmt::format("{}: no face\n", printable(frame->name)));
     } else {
       print_text(fmt::format("{}: {} {} ({}{:.0f} %; score {:.3f}, threshold {:.3f})\n",
-                             printable(frame->name), verdict->same ? "is" : "is not",
-                             printable(flags.name), verdict->trusted ? "" : "uncertain face; ",
-                             100 * verdict->confidence, verdict->score, verdict->threshold));
+                             printable(frame->name), result->same ? "is" : "is not",
+                             printable(flags.name), result->trusted ? "" : "uncertain face; ",
+                             100 * result->confidence, result->score, result->threshold));
     }
   }
   if (batch) batch->finish();

@@ -76,8 +76,8 @@ plate::PlateTruth read_truths(const std::vector<std::string>& paths) {
   return all;
 }
 
-std::vector<ImageReadings> gather(const EvalFlags& flags, const ImageReading& reading,
-                                  const Context& context) {
+std::vector<ImageReadings> collect_readings(const EvalFlags& flags, const ImageReading& reading,
+                                            const Context& context) {
   std::vector<ImageReadings> readings;
   std::vector<std::string> images;
   for (const std::string& input : flags.inputs) {
@@ -174,7 +174,7 @@ std::string outcomes_csv(const plate::PlateScores& scores) {
 
 ExitStatus evaluate(const EvalFlags& flags, const ImageReading& reading, const Context& context) {
   const plate::PlateTruth truth = read_truths(flags.truths);
-  const std::vector<ImageReadings> readings = gather(flags, reading, context);
+  const std::vector<ImageReadings> readings = collect_readings(flags, reading, context);
   const plate::PlateScores scores = plate::evaluate_plates(readings, truth, flags.options);
   if (!flags.csv.empty() && flags.csv != "-") {
     write_file_atomically(flags.csv, std::string_view(outcomes_csv(scores)));

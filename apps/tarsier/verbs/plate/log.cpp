@@ -106,7 +106,7 @@ class CsvOutput {
 
   void add(const std::string& line) {
     lines_ += line;
-    if (lines_.size() >= kChunk) flush();
+    if (lines_.size() >= kBufferSize) flush();
   }
   void finish() {
     flush();
@@ -116,7 +116,7 @@ class CsvOutput {
   }
 
  private:
-  static constexpr std::size_t kChunk = 1 << 16;  // bytes
+  static constexpr std::size_t kBufferSize = 1 << 16;  // bytes
   void flush() {
     if (file_) {
       write_all(descriptor_, lines_, path_);
@@ -235,9 +235,9 @@ ExitStatus undo_correction(const LogFlags& flags, const Context& context) {
 plate::Quad corners_in(const cv::Mat& crop, const plate::Recognizer& recognizer) {
   const cv::Rect2f box(static_cast<float>(crop.cols) / 8, static_cast<float>(crop.rows) / 6,
                        static_cast<float>(crop.cols) * 0.75F, static_cast<float>(crop.rows) / 1.5F);
-  const cv::Point2f middle(box.x + box.width / 2, box.y + box.height / 2);
+  const cv::Point2f center(box.x + box.width / 2, box.y + box.height / 2);
   for (const plate::Reading& reading : recognizer.read(crop)) {
-    if (reading.box.contains(middle) && static_cast<float>(reading.box.width) > box.width / 2)
+    if (reading.box.contains(center) && static_cast<float>(reading.box.width) > box.width / 2)
       return reading.corners;
   }
   return plate::quad_of(box);

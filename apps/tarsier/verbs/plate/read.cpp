@@ -44,9 +44,9 @@ std::string row_of(const Frame& frame, const plate::Reading& reading) {
 }
 
 // Counts plates of countries that were not requested.
-class Unfit {
+class UnsuitablePlateCounter {
  public:
-  void take(const std::vector<plate::Reading>& readings) {
+  void add(const std::vector<plate::Reading>& readings) {
     for (const plate::Reading& reading : readings) {
       ++plates_;
       if (reading.unfit.empty()) continue;
@@ -85,9 +85,9 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   PlateReports reports(flags.reports, flags.run, context);
   DebugFolder debug(context.debug_dir);
   bool found = false;
-  Unfit unfit;
+  UnsuitablePlateCounter unfit;
   PlateSession session(
-      std::move(reader), [&](const plate::PlateEvent& event) { reports.vehicle(event); },
+      std::move(reader), [&](const plate::PlateEvent& event) { reports.report_vehicle(event); },
       [&](const Frame& frame) { return reports.moment_of(frame); }, debug.sink());
   reports.on_step([&](std::chrono::milliseconds by) { session.shift_unsynchronized(by); });
 
@@ -96,8 +96,8 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   hooks.debug = &debug;
   hooks.after_frame = [&](const Frame& frame) {
     found = found || ((frame.still || !flags.events_only) && !session.readings().empty());
-    if (frame.still) reports.still(frame, session.readings());
-    unfit.take(session.readings());
+    if (frame.still) reports.report_still(frame, session.readings());
+    unfit.add(session.readings());
     reports.check();
   };
   hooks.describe = [&](const View&, nlohmann::ordered_json& line) {
@@ -121,8 +121,9 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   session.finish();
   reports.finish(status == ExitStatus::kInterrupted);
   unfit.warn(flags.plate.reader.countries);
-  return status == ExitStatus::kDone && !found && !reports.found() ? ExitStatus::kNothingFound
-                                                                   : status;
+  return status == ExitStatus::kDone && !found && !reports.has_closed_events()
+             ? ExitStatus::kNothingFound
+             : status;
 }
 
 void add_flags(Command& verb, ReadFlags& flags) {

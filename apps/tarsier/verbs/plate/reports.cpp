@@ -16,8 +16,8 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr double kPatience_s = 70;  // longer than the wait for a lock
-constexpr double kInterruptedPatience_s = 5;
+constexpr double kFinishTimeout_s = 70;  // longer than the wait for a lock
+constexpr double kInterruptedTimeout_s = 5;
 
 std::string watched_text(const std::optional<plate::WatchMatch>& match) {
   if (!match) return {};
@@ -43,7 +43,7 @@ void print_event(const plate::PlateEvent& event, const std::optional<plate::Watc
 }
 
 // When a file was last written; nullopt if it does not exist.
-std::optional<plate::Moment> modified(const std::string& path) {
+std::optional<plate::Moment> modification_time(const std::string& path) {
   struct ::stat info {};
   if (::stat(path.c_str(), &info) != 0) return std::nullopt;
   return plate::Moment(std::chrono::duration_cast<std::chrono::milliseconds>(
@@ -57,24 +57,24 @@ std::chrono::milliseconds length_of(const FrameSource& source) {
 }
 
 // The time of a source's frames, by its name in Frame::name.
-plate::SourceTimes times_of(const std::string& name, const ReportFlags& flags,
-                            const SourceOptions& options) {
+plate::SourceTimes source_times(const std::string& name, const ReportFlags& flags,
+                                const SourceOptions& options) {
   const plate::Moment now = plate::moment_now();
   std::optional<plate::Moment> start;
   if (!flags.start.empty()) start = plate::parse_moment(flags.start, now, false, "--start");
-  constexpr std::string_view kDrawn = "synth:";
-  if (name.starts_with(kDrawn)) {
-    const auto drawn = synth::open_synth_source(name.substr(kDrawn.size()), options);
-    if (drawn->is_live()) return {};
+  constexpr std::string_view kSynthPrefix = "synth:";
+  if (name.starts_with(kSynthPrefix)) {
+    const auto synth_source = synth::open_synth_source(name.substr(kSynthPrefix.size()), options);
+    if (synth_source->is_live()) return {};
     // As if its recording had just ended: no time is in the future, however fast it is read.
-    if (!start) start = plate::recording_start(now, length_of(*drawn), now);
+    if (!start) start = plate::recording_start(now, length_of(*synth_source), now);
     return {false, start};
   }
   try {
     switch (classify_source(name)) {
       case SourceKind::kVideo: {
         if (start) return {false, start};
-        const auto written = modified(name);
+        const auto written = modification_time(name);
         const auto length = length_of(*open_source(name));
         if (written && length.count() > 0) start = plate::recording_start(*written, length, now);
         return {false, start};
@@ -125,7 +125,7 @@ PlateReports::PlateReports(const ReportFlags& flags, const RunFlags& run, const 
   if (!flags.watch.empty()) watch_.emplace(flags.watch);
   if (flags.log.empty()) return;
   log_.emplace(flags.log);
-  past_.emplace(flags.log, DatabaseAccess::kRead);
+  log_reader_.emplace(flags.log, DatabaseAccess::kRead);
   if (!plate::is_plausible(plate::moment_now())) {
     log_warning("the clock says {}: entries of {} are corrected when it is set",
                 plate::moment_text(plate::moment_now()), flags.log);
@@ -134,7 +134,7 @@ PlateReports::PlateReports(const ReportFlags& flags, const RunFlags& run, const 
 
 plate::FrameMoment PlateReports::moment_of(const Frame& frame) {
   const std::string source = source_of(frame);
-  if (source != source_) clock_.begin(times_of(source, flags_, run_.source), frame.time);
+  if (source != source_) clock_.begin(source_times(source, flags_, run_.source), frame.time);
   source_ = source;
   std::chrono::milliseconds step{0};
   const plate::FrameMoment seen = tick(frame, step);
@@ -162,7 +162,7 @@ plate::FrameMoment PlateReports::tick(const Frame& frame, std::chrono::milliseco
   return seen;
 }
 
-void PlateReports::vehicle(const plate::PlateEvent& event) {
+void PlateReports::report_vehicle(const plate::PlateEvent& event) {
   if (log_) log_->record(event);
   const auto match = match_of(event);
   // Updates of a vehicle are reported only when it starts to match.
@@ -173,20 +173,20 @@ void PlateReports::vehicle(const plate::PlateEvent& event) {
   const bool is_closed = event.state == plate::PlateState::kClosed;
   const bool is_over = is_closed || event.state == plate::PlateState::kWithdrawn;
   if (is_over) watched_.erase(event.id);
-  const bool is_wanted = on_event_ && (is_watched || !flags_.on_watch);
-  if (!is_wanted && !is_closed && !publisher_) return;
+  const bool posts_event = on_event_ && (is_watched || !flags_.on_watch);
+  if (!posts_event && !is_closed && !publisher_) return;
   const nlohmann::ordered_json line = line_of(event, match);
-  if (is_wanted) on_event_.post(line);
+  if (posts_event) on_event_.post(line);
   publisher_.post(line, event.best_crop);
   if (!is_closed) return;
-  found_ = true;
+  has_closed_events_ = true;
   if (context_.json)
     print_json(line);
   else
     print_event(event, match);
 }
 
-void PlateReports::still(const Frame& frame, const std::vector<plate::Reading>& readings) {
+void PlateReports::report_still(const Frame& frame, const std::vector<plate::Reading>& readings) {
   const plate::Moment now = plate::moment_now();
   for (const plate::Reading& reading : readings) {
     if (reading.text.empty() || (!log_ && !on_event_ && !watch_ && !publisher_)) {
@@ -196,7 +196,7 @@ void PlateReports::still(const Frame& frame, const std::vector<plate::Reading>& 
     plate::PlateEvent event = plate::event_of(reading, frame.image);
     event.id = -++stills_;  // not a vehicle's id
     event.source = frame.name;
-    event.first_seen = event.last_seen = std::min(modified(frame.name).value_or(now), now);
+    event.first_seen = event.last_seen = std::min(modification_time(frame.name).value_or(now), now);
     const auto match = match_of(event);
     if (!context_.json) print_reading(frame, reading, match);
     if (on_event_ && (match || !flags_.on_watch)) on_event_.post(line_of(event, match));
@@ -210,7 +210,7 @@ void PlateReports::check() {
 }
 
 void PlateReports::finish(bool interrupted) {
-  if (log_) log_->finish(interrupted ? kInterruptedPatience_s : kPatience_s);
+  if (log_) log_->finish(interrupted ? kInterruptedTimeout_s : kFinishTimeout_s);
   on_event_.finish();
   publisher_.finish(interrupted);
 }
@@ -224,9 +224,9 @@ nlohmann::ordered_json PlateReports::line_of(const plate::PlateEvent& event,
                                              const std::optional<plate::WatchMatch>& match) {
   nlohmann::ordered_json line = event_json(event);
   if (watch_) line["watch"] = match ? watch_json(*match) : nlohmann::ordered_json();
-  if (past_) {
+  if (log_reader_) {
     try {
-      line["history"] = history_json(past_->history(event.text, event.first_seen), event);
+      line["history"] = history_json(log_reader_->history(event.text, event.first_seen), event);
     } catch (const DatabaseLockedError&) {
       line["history"] = nullptr;
     }

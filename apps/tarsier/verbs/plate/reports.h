@@ -51,16 +51,16 @@ class PlateReports {
   // The moment of a frame of one of several cameras.
   plate::SiteMoment site_moment_of(const Frame& frame);
 
-  void vehicle(const plate::PlateEvent& event);
+  void report_vehicle(const plate::PlateEvent& event);
   // In a still no vehicle appears or leaves: each reading is an event.
-  void still(const Frame& frame, const std::vector<plate::Reading>& readings);
+  void report_still(const Frame& frame, const std::vector<plate::Reading>& readings);
 
   // Throws an error of the log that occurred since the last call.
   void check();
   // Writes pending events, or reports them as lost.
   void finish(bool interrupted);
 
-  [[nodiscard]] bool found() const { return found_; }
+  [[nodiscard]] bool has_closed_events() const { return has_closed_events_; }
 
  private:
   plate::FrameMoment tick(const Frame& frame, std::chrono::milliseconds& step);
@@ -76,13 +76,13 @@ class PlateReports {
   OnEvent on_event_;
   EventPublisher publisher_;
   std::optional<plate::PlateRecorder> log_;
-  std::optional<plate::PlateLog> past_;  // reads the same file
+  std::optional<plate::PlateLog> log_reader_;  // reads the same file
   std::optional<plate::WatchFile> watch_;
   std::set<std::int64_t> watched_;  // visible vehicles that are on the watch list
   std::function<void(std::chrono::milliseconds)> on_step_;
   std::string source_;
   bool was_synchronized_ = true;
-  bool found_ = false;
+  bool has_closed_events_ = false;
   std::int64_t stills_ = 0;
 };
 

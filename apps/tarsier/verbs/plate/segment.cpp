@@ -33,7 +33,7 @@ struct SegmentFlags {
   bool characters = false;
 };
 
-std::string shipped(const std::string& given, const char* name) {
+std::string model_path(const std::string& given, const char* name) {
   return ModelStore::find().path_or(given, name);
 }
 
@@ -91,8 +91,8 @@ struct Writer {
 };
 
 ExitStatus run_segment(const SegmentFlags& flags, Context& context) {
-  const auto model = plate::read_classic_model(shipped(flags.detector, "plate-svm.json"),
-                                               shipped(flags.reader, "plate-hog.json"));
+  const auto model = plate::read_classic_model(model_path(flags.detector, "plate-svm.json"),
+                                               model_path(flags.reader, "plate-hog.json"));
   const auto source = open_sources(flags.inputs, {}, input_schemes());
   make_folder(flags.output);
   plate::ClassicOptions options;

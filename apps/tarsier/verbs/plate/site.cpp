@@ -38,7 +38,7 @@ bool is_live(const std::string& source, const SourceOptions& options,
 }
 
 // Splits "gate=rtsp://..". The name is empty if `text` has none, or is a file.
-NamedSource parted(const std::string& text) {
+NamedSource split_source(const std::string& text) {
   const std::size_t equals = text.find('=');
   std::error_code ignored;
   if (equals == std::string::npos || equals == 0 || std::filesystem::exists(text, ignored))
@@ -48,11 +48,11 @@ NamedSource parted(const std::string& text) {
                                   : NamedSource{"", text};
 }
 
-void refuse_what_needs_one_source(const RunFlags& run) {
+void check_single_source_flags(const RunFlags& run) {
   if (!run.output.empty() && run.output != "none")
     throw UsageError("-o: images cannot be written for several cameras; omit it");
   if (run.window || run.fullscreen || run.frames > 0 || run.every != 1 || !run.actions.empty() ||
-      run.source.sequence || run.batch.wanted())
+      run.source.sequence || run.batch.is_requested())
     throw UsageError(
         "--window, --frames, --every, --actions, --sequence and --shard need a single source: not "
         "possible with several cameras");
@@ -122,7 +122,7 @@ std::vector<NamedSource> site_cameras(const RunFlags& run) {
   std::size_t live = 0;
   bool is_named = false;
   for (const std::string& input : run.inputs) {
-    NamedSource camera = parted(input);
+    NamedSource camera = split_source(input);
     const bool named = !camera.name.empty();
     const bool lives = is_live(camera.source, run.source, schemes);
     if (named && !lives)
@@ -144,7 +144,7 @@ ExitStatus read_site(const std::vector<NamedSource>& cameras, const SiteFlags& f
                      const RunFlags& run, const PlateFlags& plates,
                      const plate::TrackerOptions& tracker, const ReportFlags& reporting,
                      Context& context) {
-  refuse_what_needs_one_source(run);
+  check_single_source_flags(run);
   const std::map<std::string, plate::Region> regions = regions_of(flags.regions, cameras);
   SourceOptions source = run.source;
   source.wait = true;  // for each camera separately
@@ -180,7 +180,7 @@ ExitStatus read_site(const std::vector<NamedSource>& cameras, const SiteFlags& f
     return reports.site_moment_of(frame);
   };
   handlers.events = [&](std::size_t, const std::vector<plate::PlateEvent>& events) {
-    for (const plate::PlateEvent& event : events) reports.vehicle(event);
+    for (const plate::PlateEvent& event : events) reports.report_vehicle(event);
   };
   handlers.source = [&](std::size_t camera, const SourceStatus& status) {
     const std::string& name = cameras[camera].name;
@@ -199,7 +199,7 @@ ExitStatus read_site(const std::vector<NamedSource>& cameras, const SiteFlags& f
   const bool interrupted = context.stop.stop_requested();
   reports.finish(interrupted);
   if (interrupted) return ExitStatus::kInterrupted;
-  return reports.found() ? ExitStatus::kDone : ExitStatus::kNothingFound;
+  return reports.has_closed_events() ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
 }  // namespace tarsier::cli

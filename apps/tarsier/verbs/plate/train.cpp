@@ -26,7 +26,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::uint64_t kUnseen = 1000;  // offset of the seed to that of the training typefaces
+// Offset of the seed to that of the training typefaces.
+constexpr std::uint64_t kHeldOutSeedOffset = 1000;
 
 struct TrainFlags {
   std::vector<std::string> inputs;
@@ -174,7 +175,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     model.confidence_curve = model.character_curve = {};  // they belong to another model
     const plate::Recognizer recognizer(detector_model, model, countries());
     // Typefaces outside the training set, like those that the model will meet.
-    views.glyphs = glyphs_of(flags, context.seed + kUnseen);
+    views.glyphs = glyphs_of(flags, context.seed + kHeldOutSeedOffset);
     model.calibration = plate::fit_calibration(recognizer, views, flags.calibration,
                                                context.seed + 99, *context.progress, context.stop);
   }

@@ -32,13 +32,13 @@ struct WatchFlags {
   std::string at;
 };
 
-std::string or_any(const std::string& text) { return text.empty() ? "any" : text; }
+std::string text_or_any(const std::string& text) { return text.empty() ? "any" : text; }
 
 std::string line_of(const WatchEntry& entry) {
-  return fmt::format("{:<12} {:<20} errors {:<5g} {:<12} {:<14} {}\n", entry.plate,
-                     printable(entry.label), entry.errors,
-                     or_any(entry.direction ? std::string(name_of(*entry.direction)) : ""),
-                     or_any(plate::hours_text(entry.hours)), or_any(plate::days_text(entry.days)));
+  return fmt::format(
+      "{:<12} {:<20} errors {:<5g} {:<12} {:<14} {}\n", entry.plate, printable(entry.label),
+      entry.errors, text_or_any(entry.direction ? std::string(name_of(*entry.direction)) : ""),
+      text_or_any(plate::hours_text(entry.hours)), text_or_any(plate::days_text(entry.days)));
 }
 
 void print_entry(const WatchEntry& entry, const char* state, const Context& context) {
@@ -96,20 +96,20 @@ ExitStatus run_list(const WatchFlags& flags, const Context& context) {
 ExitStatus run_test(const WatchFlags& flags, const Context& context) {
   const WatchList list = WatchList::read(flags.list);
   const plate::Moment now = plate::moment_now();
-  const plate::LocalTime when =
+  const plate::LocalTime local_time =
       plate::local_time(flags.at.empty() ? now : plate::parse_moment(flags.at, now, false, "--at"));
   std::vector<plate::Direction> directions;
   if (!flags.direction.empty())
     directions.push_back(plate::parse_direction(flags.direction, "--direction"));
   bool found = false;
-  for (const std::string& given : flags.texts) {
-    const std::string text = plate::plate_pattern(given, "TEXT");
+  for (const std::string& typed_text : flags.texts) {
+    const std::string text = plate::plate_pattern(typed_text, "TEXT");
     if (text.find_first_of("*?") != std::string::npos)
       throw UsageError(
           fmt::format("TEXT '{}': a text that a camera reads is expected, without "
                       "'*' and '?'",
-                      printable(given)));
-    const auto matches = list.matches(text, when, directions.empty() ? nullptr : &directions);
+                      printable(typed_text)));
+    const auto matches = list.matches(text, local_time, directions.empty() ? nullptr : &directions);
     found = found || !matches.empty();
     if (context.json) {
       nlohmann::ordered_json line{{"text", text}, {"watch", nlohmann::ordered_json::array()}};

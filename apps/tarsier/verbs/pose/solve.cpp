@@ -37,7 +37,7 @@ struct SolveFlags {
   double axes = 0;
 };
 
-bool from_center(const SolveFlags& flags) {
+bool has_center_origin(const SolveFlags& flags) {
   if (flags.origin.empty()) return flags.camera.empty() && flags.image.empty();
   return flags.origin == "center";
 }
@@ -52,7 +52,7 @@ geometry::Camera solve_camera(const SolveFlags& flags, const cv::Mat& image) {
     if (!image.empty()) {
       camera.cx = (image.cols - 1) / 2.0;
       camera.cy = (image.rows - 1) / 2.0;
-    } else if (!from_center(flags)) {
+    } else if (!has_center_origin(flags)) {
       throw UsageError("--origin corner needs --image or --camera, which give the principal point");
     }
   } else {
@@ -193,7 +193,7 @@ ExitStatus run_solve(const SolveFlags& flags, Context& context) {
   cv::Mat image;
   if (!flags.image.empty()) image = read_image(flags.image);
   const geometry::Camera camera = solve_camera(flags, image);
-  if (from_center(flags)) points.colwise() += Eigen::Vector2d(camera.cx, camera.cy);
+  if (has_center_origin(flags)) points.colwise() += Eigen::Vector2d(camera.cx, camera.cy);
   const face::head::PositModel model(object, {}, flags.reference);
   const Solution solution = solve(flags, model, points, camera);
   if (!flags.output.empty() && !solution.poses.empty()) {

@@ -45,78 +45,79 @@ struct SynthFlags {
   double yaw = 40;
   double pitch = 20;
   double roll = 15;
-  double near = 450;
-  double far = 800;
+  double min_distance = 450;
+  double max_distance = 800;
   double spread = 0.7;
   synth::FaceSceneOptions scene;
 };
 
 // A random position with the whole face inside the image.
 geometry::Rigid3 random_pose(const SynthFlags& flags, const geometry::Camera& camera, Rng& rng) {
-  constexpr double kRoom = 110;  // mm around the middle of a head
+  constexpr double kHeadMargin_mm = 110;  // mm around the middle of a head
   const face::head::HeadAngles angles{rng.uniform(-flags.yaw, flags.yaw),
                                       rng.uniform(-flags.pitch, flags.pitch),
                                       rng.uniform(-flags.roll, flags.roll)};
-  const double distance = rng.uniform(flags.near, flags.far);
-  const auto across = [&](double side, double focal) {
-    const double most = std::max(0.0, distance * side / (2 * focal) - kRoom);
-    return rng.uniform(-most, most);
+  const double distance = rng.uniform(flags.min_distance, flags.max_distance);
+  const auto random_offset = [&](double side, double focal) {
+    const double max_offset = std::max(0.0, distance * side / (2 * focal) - kHeadMargin_mm);
+    return rng.uniform(-max_offset, max_offset);
   };
-  return {face::head::rotation_of_angles(angles),
-          {across(camera.width, camera.fx), across(camera.height, camera.fy), distance}};
+  return {
+      face::head::rotation_of_angles(angles),
+      {random_offset(camera.width, camera.fx), random_offset(camera.height, camera.fy), distance}};
 }
 
 // A head that turns left and right while it nods more slowly.
 geometry::Rigid3 turning_pose(const SynthFlags& flags, double phase) {
-  constexpr double kTurn = 2 * std::numbers::pi;
-  const face::head::HeadAngles angles{flags.yaw * std::sin(kTurn * phase),
-                                      flags.pitch * std::sin(2 * kTurn * phase + 0.5),
-                                      flags.roll * std::sin(kTurn * phase + 1)};
-  const double middle = (flags.near + flags.far) / 2;
-  const double swing = (flags.far - flags.near) / 4;
+  constexpr double kTwoPi = 2 * std::numbers::pi;
+  const face::head::HeadAngles angles{flags.yaw * std::sin(kTwoPi * phase),
+                                      flags.pitch * std::sin(2 * kTwoPi * phase + 0.5),
+                                      flags.roll * std::sin(kTwoPi * phase + 1)};
+  const double mean_distance = (flags.min_distance + flags.max_distance) / 2;
+  const double swing = (flags.max_distance - flags.min_distance) / 4;
   return {face::head::rotation_of_angles(angles),
-          {0, 10, middle + swing * std::sin(kTurn * phase)}};
+          {0, 10, mean_distance + swing * std::sin(kTwoPi * phase)}};
 }
 
 // --- a video that performs the challenge of `people liveness --fixed-order` with the same --seed
 // ---
 
-constexpr double kActFps = 15;
-constexpr double kActLook = 1.5;  // s, looking into the camera
-constexpr double kActTask = 2.5;  // s per task, including the return
+constexpr double kChallengeFps = 15;
+constexpr double kLookDuration_s = 1.5;  // s, looking into the camera
+constexpr double kTaskDuration_s = 2.5;  // s per task, including the return
 
-struct Act {
+struct ChallengePose {
   face::head::HeadAngles angles;
   double open = 1;  // opening of the lids
 };
 
 // Rises smoothly from 0 to 1 and back between `from` and `to`.
-double swell(double t, double from, double to) {
+double smooth_pulse(double t, double from, double to) {
   if (t <= from || t >= to) return 0;
   return 0.5 - 0.5 * std::cos(2 * std::numbers::pi * (t - from) / (to - from));
 }
 
-Act act_at(const SynthFlags& flags, const std::vector<face::head::LivenessTask>& tasks,
-           double time) {
-  Act act;
-  act.angles = {1.5 * std::sin(1.1 * time), 1.5 * std::sin(0.8 * time + 1),
-                std::sin(0.6 * time + 2)};  // nobody keeps quite still
-  const double since = time - kActLook;
-  if (since < 0) return act;
-  const auto which = static_cast<std::size_t>(since / kActTask);
-  if (which >= tasks.size()) return act;
-  const double t = since - kActTask * static_cast<double>(which);
-  if (tasks[which] == face::head::LivenessTask::kBlink) {
+ChallengePose challenge_pose_at(const SynthFlags& flags,
+                                const std::vector<face::head::LivenessTask>& tasks, double time) {
+  ChallengePose challenge_pose;
+  challenge_pose.angles = {1.5 * std::sin(1.1 * time), 1.5 * std::sin(0.8 * time + 1),
+                           std::sin(0.6 * time + 2)};  // nobody keeps quite still
+  const double task_time = time - kLookDuration_s;
+  if (task_time < 0) return challenge_pose;
+  const auto task_index = static_cast<std::size_t>(task_time / kTaskDuration_s);
+  if (task_index >= tasks.size()) return challenge_pose;
+  const double t = task_time - kTaskDuration_s * static_cast<double>(task_index);
+  if (tasks[task_index] == face::head::LivenessTask::kBlink) {
     // A person who holds a photo tilts it, so that the eyes look narrower.
     if (flags.challenge == "photo")
-      act.angles.pitch_deg += flags.pitch * swell(t, 0.4, 1.6);
+      challenge_pose.angles.pitch_deg += flags.pitch * smooth_pulse(t, 0.4, 1.6);
     else
-      act.open = 1 - swell(t, 0.8, 1.3);
+      challenge_pose.open = 1 - smooth_pulse(t, 0.8, 1.3);
   } else {
-    const double sign = tasks[which] == face::head::LivenessTask::kTurnLeft ? -1 : 1;
-    act.angles.yaw_deg += sign * flags.yaw * swell(t, 0.2, 2.2);
+    const double sign = tasks[task_index] == face::head::LivenessTask::kTurnLeft ? -1 : 1;
+    challenge_pose.angles.yaw_deg += sign * flags.yaw * smooth_pulse(t, 0.2, 2.2);
   }
-  return act;
+  return challenge_pose;
 }
 
 // Lowers the upper lids over the eyes.
@@ -140,9 +141,9 @@ cv::Mat turned_print(const cv::Mat& image, const geometry::Camera& camera, doubl
   Eigen::Matrix3d on_print;
   on_print << distance / camera.fx, 0, -camera.cx * distance / camera.fx, 0, distance / camera.fy,
       -camera.cy * distance / camera.fy, 0, 0, 1;
-  Eigen::Matrix3d place;
-  place << r.col(0), r.col(1), Eigen::Vector3d(0, 0, distance);
-  const Eigen::Matrix3d h = k * place * on_print;
+  Eigen::Matrix3d camera_from_plane;
+  camera_from_plane << r.col(0), r.col(1), Eigen::Vector3d(0, 0, distance);
+  const Eigen::Matrix3d h = k * camera_from_plane * on_print;
   cv::Mat map(3, 3, CV_64F);
   for (int row = 0; row < 3; ++row)
     for (int col = 0; col < 3; ++col) map.at<double>(row, col) = h(row, col);
@@ -171,15 +172,16 @@ nlohmann::ordered_json truth_line(const std::string& image, const synth::FaceTru
 }
 
 ExitStatus make_faces(SynthFlags& flags, Context& context) {
-  const bool acted = !flags.challenge.empty();
-  if (acted) {
+  const bool performs_challenge = !flags.challenge.empty();
+  if (performs_challenge) {
     flags.video = true;
-    flags.count = cvCeil(kActFps * (kActLook + kActTask * flags.tasks));
+    flags.count = cvCeil(kChallengeFps * (kLookDuration_s + kTaskDuration_s * flags.tasks));
   }
-  const auto tasks = acted ? face::head::draw_tasks(flags.tasks, context.seed)
-                           : std::vector<face::head::LivenessTask>();
-  if (flags.near > flags.far)
-    throw UsageError(fmt::format("--near {} is beyond --far {}", flags.near, flags.far));
+  const auto tasks = performs_challenge ? face::head::draw_tasks(flags.tasks, context.seed)
+                                        : std::vector<face::head::LivenessTask>();
+  if (flags.min_distance > flags.max_distance)
+    throw UsageError(
+        fmt::format("--near {} is beyond --far {}", flags.min_distance, flags.max_distance));
   flags.scene.check();
   const cv::Size size = parse_size(flags.size, 64, 4096);
   geometry::Camera camera = face::head::guess_camera(size);
@@ -209,27 +211,29 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
   for (int i = 0; i < flags.count; ++i) {
     throw_if_stopped(context.stop);
     Rng rng = seeds.fork(static_cast<std::uint64_t>(i));
-    const int who = i % people;
-    const Act act = acted ? act_at(flags, tasks, i / kActFps) : Act();
-    const double distance = (flags.near + flags.far) / 2;
+    const int person_index = i % people;
+    const ChallengePose challenge_pose =
+        performs_challenge ? challenge_pose_at(flags, tasks, i / kChallengeFps) : ChallengePose();
+    const double distance = (flags.min_distance + flags.max_distance) / 2;
     const bool photo = flags.challenge == "photo";
     const geometry::Rigid3 pose =
-        acted ? geometry::Rigid3{face::head::rotation_of_angles(photo ? face::head::HeadAngles()
-                                                                      : act.angles),
-                                 {0, 10, distance}}
+        performs_challenge
+            ? geometry::Rigid3{face::head::rotation_of_angles(photo ? face::head::HeadAngles()
+                                                                    : challenge_pose.angles),
+                               {0, 10, distance}}
         : flags.video ? turning_pose(flags, static_cast<double>(i) / flags.count)
                       : random_pose(flags, camera, rng);
     // In a video only the noise changes.
     cv::Mat image;
     const synth::FacePerson person =
-        faces.person(context.seed * 1000 + static_cast<std::uint64_t>(who), flags.spread);
+        faces.person(context.seed * 1000 + static_cast<std::uint64_t>(person_index), flags.spread);
     const std::uint64_t ground = flags.video ? context.seed : rng();
     const synth::FaceTruth truth = faces.draw(image, person, camera, pose, flags.scene, ground);
-    if (acted && !photo && act.open < 1)
-      close_eyes(synthesis, model, image, truth.points, act.open);
+    if (performs_challenge && !photo && challenge_pose.open < 1)
+      close_eyes(synthesis, model, image, truth.points, challenge_pose.open);
     if (photo) {
       if (print.empty()) print = image.clone();
-      image = turned_print(print, camera, distance, act.angles);
+      image = turned_print(print, camera, distance, challenge_pose.angles);
     }
     const std::string name = fmt::format("images/{:04}.png", i);
     write_image((folder / name).string(), image);
@@ -239,7 +243,7 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
     face::shape::LandmarkSample sample;
     sample.image = name;
     sample.points = truth.points;
-    sample.person = fmt::format("p{:03}", who);
+    sample.person = fmt::format("p{:03}", person_index);
     set.samples.push_back(std::move(sample));
     context.progress->advance();
   }
@@ -278,10 +282,10 @@ void add_flags(Command& verb, SynthFlags& flags) {
   verb.add_option("--roll", flags.roll, "degrees, maximum absolute roll")
       .check(range(0.0, 180.0))
       .show_default();
-  verb.add_option("--near", flags.near, "minimum distance, mm")
+  verb.add_option("--near", flags.min_distance, "minimum distance, mm")
       .check(range(200.0, 10000.0))
       .show_default();
-  verb.add_option("--far", flags.far, "maximum distance, mm")
+  verb.add_option("--far", flags.max_distance, "maximum distance, mm")
       .check(range(200.0, 10000.0))
       .show_default();
   verb.add_option("--spread", flags.spread, "variation between people; 1: as in reality")

@@ -88,7 +88,7 @@ std::string raspberry_pi_model() {
 
 // Whether something listens on the local socket `path`; a path that begins with '@' is an abstract
 // one.
-bool socket_answers(const std::string& path) {
+bool socket_responds(const std::string& path) {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   if (path.empty() || path.size() >= sizeof address.sun_path) return false;
@@ -97,9 +97,9 @@ bool socket_answers(const std::string& path) {
   const auto length = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + path.size());
   const int handle = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
   if (handle < 0) return false;
-  const bool answers = connect(handle, reinterpret_cast<const sockaddr*>(&address), length) == 0;
+  const bool responds = connect(handle, reinterpret_cast<const sockaddr*>(&address), length) == 0;
   close(handle);
-  return answers;
+  return responds;
 }
 
 // --- the findings ---
@@ -112,7 +112,7 @@ std::string compiler() {
 #endif
 }
 
-void look_at_program(std::vector<Item>& items) {
+void check_program(std::vector<Item>& items) {
 #if defined(__OPTIMIZE__)
   items.push_back(
       {"program", "tarsier", Finding::kOk, fmt::format("{}, {}", version(), compiler()), ""});
@@ -135,7 +135,7 @@ void look_at_program(std::vector<Item>& items) {
                    ""});
 }
 
-void look_at_machine(std::vector<Item>& items) {
+void check_machine(std::vector<Item>& items) {
   const std::string board = raspberry_pi_model();
   std::string processor = value_in("/proc/cpuinfo", "model name");
   if (processor.empty()) processor = first_line("/proc/device-tree/model");
@@ -160,9 +160,9 @@ void look_at_machine(std::vector<Item>& items) {
        fmt::format("{}, OpenCV uses {} threads", cores, cv::getNumThreads()),
        cores > 1 ? "" : "live work wants two or more: one draws while the other reads the camera"});
 
-  constexpr double kGbOfKib = 1024 / 1e9;
-  const double total = std::atof(value_in("/proc/meminfo", "MemTotal").c_str()) * kGbOfKib;
-  const double free = std::atof(value_in("/proc/meminfo", "MemAvailable").c_str()) * kGbOfKib;
+  constexpr double kGbPerKib = 1024 / 1e9;
+  const double total = std::atof(value_in("/proc/meminfo", "MemTotal").c_str()) * kGbPerKib;
+  const double free = std::atof(value_in("/proc/meminfo", "MemAvailable").c_str()) * kGbPerKib;
   if (total > 0) {
     items.push_back(
         {"machine", "memory", free < 0.3 ? Finding::kNote : Finding::kOk,
@@ -188,10 +188,10 @@ void look_at_machine(std::vector<Item>& items) {
                      "set TMPDIR to a folder you may write to"});
   } else {
     const double gigabytes = static_cast<double>(space.available) / 1e9;
-    const bool little = gigabytes < 0.5;
-    items.push_back({"machine", "temp folder", little ? Finding::kProblem : Finding::kOk,
+    const bool is_low = gigabytes < 0.5;
+    items.push_back({"machine", "temp folder", is_low ? Finding::kProblem : Finding::kOk,
                      fmt::format("{}, {:.1f} GB free", temp.string(), gigabytes),
-                     little ? "free some disk space there, or set TMPDIR to another disk" : ""});
+                     is_low ? "free some disk space there, or set TMPDIR to another disk" : ""});
   }
 }
 
@@ -218,7 +218,7 @@ std::string modes_of(const CameraInfo& camera) {
   return text.empty() ? "no modes stated" : text;
 }
 
-void look_at_cameras(std::vector<Item>& items, const std::vector<CameraInfo>& cameras) {
+void check_cameras(std::vector<Item>& items, const std::vector<CameraInfo>& cameras) {
   for (const CameraInfo& camera : cameras) {
     if (camera.error.empty()) {
       items.push_back({"cameras", camera.path, Finding::kOk,
@@ -257,7 +257,7 @@ void look_at_cameras(std::vector<Item>& items, const std::vector<CameraInfo>& ca
 }
 
 // Reports what DISPLAY means ("screen 0 of this machine") and whether a display answers there.
-void look_at_display(std::vector<Item>& items) {
+void check_display(std::vector<Item>& items) {
   try {
     window::prepare();
     items.push_back({"display", "--window", Finding::kOk, "ready", ""});
@@ -271,10 +271,10 @@ void look_at_display(std::vector<Item>& items) {
     const std::string path = *wayland == '/' || runtime == nullptr
                                  ? std::string(wayland)
                                  : (fs::path(runtime) / wayland).string();
-    const bool answers = socket_answers(path);
-    items.push_back({"display", "Wayland", answers ? Finding::kOk : Finding::kNote,
-                     fmt::format("{} {}", wayland, answers ? "answers" : "does not answer"),
-                     answers ? "" : "unset WAYLAND_DISPLAY, or log in on the desktop"});
+    const bool responds = socket_responds(path);
+    items.push_back({"display", "Wayland", responds ? Finding::kOk : Finding::kNote,
+                     fmt::format("{} {}", wayland, responds ? "answers" : "does not answer"),
+                     responds ? "" : "unset WAYLAND_DISPLAY, or log in on the desktop"});
   }
   const char* x11 = std::getenv("DISPLAY");
   if (x11 != nullptr && *x11 != '\0') {
@@ -285,13 +285,13 @@ void look_at_display(std::vector<Item>& items) {
                                  ? ""
                                  : display.substr(colon + 1, display.find('.', colon) - colon - 1));
     const std::string socket = "/tmp/.X11-unix/X" + number;
-    const bool answers = local && (socket_answers(socket) || socket_answers('@' + socket));
-    items.push_back({"display", "X11", answers || !local ? Finding::kOk : Finding::kNote,
+    const bool responds = local && (socket_responds(socket) || socket_responds('@' + socket));
+    items.push_back({"display", "X11", responds || !local ? Finding::kOk : Finding::kNote,
                      fmt::format("{} {}", x11,
-                                 !local    ? "(over the network, not tried)"
-                                 : answers ? "answers"
-                                           : "does not answer"),
-                     answers || !local
+                                 !local     ? "(over the network, not tried)"
+                                 : responds ? "answers"
+                                            : "does not answer"),
+                     responds || !local
                          ? ""
                          : "set DISPLAY to the screen's (often :0), or log in on the desktop"});
   }
@@ -341,7 +341,7 @@ std::map<std::string, std::string> restricted_models(const std::string& folder) 
   return names_by_terms;
 }
 
-void look_at_terms(std::vector<Item>& items, const std::string& folder) {
+void check_terms(std::vector<Item>& items, const std::string& folder) {
   if (folder.empty()) return;
   for (const auto& [terms, names] : restricted_models(folder)) {
     items.push_back({"data", "model terms", Finding::kOk, fmt::format("{}: {}", terms, names),
@@ -349,18 +349,18 @@ void look_at_terms(std::vector<Item>& items, const std::string& folder) {
   }
 }
 
-void look_at_data(std::vector<Item>& items) {
+void check_data(std::vector<Item>& items) {
   int cascades = 0;
-  std::string where;
+  std::string cascade_folder;
   for (const char* folder : {"/usr/share/opencv4/haarcascades", "/usr/share/opencv/haarcascades",
                              "/usr/local/share/opencv4/haarcascades"}) {
     if (cascades = count_files(folder, {".xml"}); cascades > 0) {
-      where = folder;
+      cascade_folder = folder;
       break;
     }
   }
   items.push_back({"data", "face cascades", cascades > 0 ? Finding::kOk : Finding::kNote,
-                   cascades > 0 ? fmt::format("{} in {}", cascades, where) : "not found",
+                   cascades > 0 ? fmt::format("{} in {}", cascades, cascade_folder) : "not found",
                    cascades > 0 ? "" : "for --face auto: sudo apt install opencv-data"});
 
   const int samples = count_files(std::string(kSampleImages), {".jpg", ".png", ".avi"});
@@ -376,7 +376,7 @@ void look_at_data(std::vector<Item>& items) {
                      : models == 0  ? fmt::format("none in {}, and none is needed", folder)
                                     : fmt::format("{} in {}", models, folder),
                      models > 0 ? "tarsier models list" : ""});
-    look_at_terms(items, folder);
+    check_terms(items, folder);
     const ModelStore store = ModelStore::find();
     const bool deep = face::has_deep_templates(store);
     items.push_back({"data", "face network", deep ? Finding::kOk : Finding::kNote,
@@ -414,7 +414,7 @@ void look_at_data(std::vector<Item>& items) {
   }
 }
 
-void look_at_mqtt(std::vector<Item>& items) {
+void check_mqtt(std::vector<Item>& items) {
   std::string reason;
   const std::string library = mqtt::library_version(reason);
   const std::size_t colon = reason.find(": ");
@@ -460,7 +460,7 @@ std::string wrapped(const std::string& text, size_t width, const std::string& in
   return result;
 }
 
-void print_people(const std::vector<Item>& items) {
+void print_text_report(const std::vector<Item>& items) {
   const bool colour = isatty(STDOUT_FILENO) != 0 && std::getenv("NO_COLOR") == nullptr;
   const auto painted = [colour](Finding finding) {
     const char* text = finding == Finding::kOk     ? "ok     "
@@ -532,19 +532,19 @@ void print_findings(const std::vector<Item>& items, const std::vector<CameraInfo
                   {"items", std::move(list)}});
 }
 
-ExitStatus examine(const Context& context) {
+ExitStatus run_doctor(const Context& context) {
   std::vector<Item> items;
-  look_at_program(items);
-  look_at_machine(items);
+  check_program(items);
+  check_machine(items);
   const std::vector<CameraInfo> cameras = list_cameras();
-  look_at_cameras(items, cameras);
-  look_at_display(items);
-  look_at_data(items);
-  look_at_mqtt(items);
+  check_cameras(items, cameras);
+  check_display(items);
+  check_data(items);
+  check_mqtt(items);
   if (context.json) {
     print_findings(items, cameras);
   } else {
-    print_people(items);
+    print_text_report(items);
   }
   const bool sound = std::none_of(items.begin(), items.end(),
                                   [](const Item& i) { return i.finding == Finding::kProblem; });
@@ -557,7 +557,7 @@ void add_doctor(Command& app, Context& context) {
   Command& verb =
       app.add_subcommand("doctor", "check what this machine has and lacks, with advice");
   add_common_flags(verb, context);
-  set_run(verb, context, [&context] { return examine(context); });
+  set_run(verb, context, [&context] { return run_doctor(context); });
 }
 
 }  // namespace tarsier::cli

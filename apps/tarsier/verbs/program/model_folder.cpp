@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string sum_line_error(int number) {
+std::string checksum_line_error(int number) {
   return fmt::format("line {} is not '<64 hexadecimal digits>  <file name>' (made by sha256sum)",
                      number);
 }
@@ -63,7 +63,7 @@ std::map<std::string, std::string> read_model_index(const std::string& folder) {
     const std::string name = is_sum ? line.substr(66) : "";
     // A name must be a file directly in this folder: an index must not lead elsewhere.
     if (name.empty() || name.front() == '.' || name.find('/') != std::string::npos) {
-      throw ModelError(path.string(), sum_line_error(number));
+      throw ModelError(path.string(), checksum_line_error(number));
     }
     sums[name] = line.substr(0, 64);
   }

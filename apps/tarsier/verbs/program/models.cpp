@@ -50,7 +50,7 @@ std::string size_text(std::int64_t bytes) {
                      : fmt::format("{:.1f} MB", value / 1e6);
 }
 
-void say_none(const std::string& folder, const Context& context) {
+void report_no_models(const std::string& folder, const Context& context) {
   if (context.json) return;
   print_text(
       folder.empty()
@@ -63,7 +63,7 @@ ExitStatus list_models(const Context& context, const ModelsOptions& options) {
   const std::string& folder = store.folder();
   const std::vector<ModelFile> models = find_models(store);
   if (models.empty()) {
-    say_none(folder, context);
+    report_no_models(folder, context);
     return ExitStatus::kDone;
   }
   bool sound = true;
@@ -217,7 +217,7 @@ ExitStatus verify_models(Context& context, const ModelsOptions& options) {
   std::vector<ModelFile> models = find_models(store);
   if (!options.name.empty()) models = {model_named(models, options.name, folder)};
   if (models.empty()) {
-    say_none(folder, context);
+    report_no_models(folder, context);
     return ExitStatus::kDone;
   }
   bool sound = true;

@@ -45,7 +45,7 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 4> kKnownWei
 }};
 
 // Returns the checksum; throws ModelError for a file that is not one of those, unless `any`.
-std::string checked_sum(const fs::path& path, bool any) {
+std::string verified_sha256(const fs::path& path, bool any) {
   const std::string sum = sha256_of_file(path.string());
   const std::string name = path.filename().string();
   const auto known = std::find_if(kKnownWeights.begin(), kKnownWeights.end(),
@@ -68,7 +68,7 @@ struct Imported {
   json numbers;
 };
 
-Imported described(const linalg::NamedTensors& tensors, const std::string& manifest) {
+Imported describe_network(const linalg::NamedTensors& tensors, const std::string& manifest) {
   using namespace face;
   Imported out;
   if (has_anchor_tensors(tensors)) {
@@ -99,11 +99,11 @@ ExitStatus import_model(const Context& context, const ImportOptions& options) {
   const std::string folder = options.output.empty() ? user_models_folder() : "";
   if (options.output.empty() && folder.empty())
     throw UsageError("-o: name the model file to write (there is no $HOME)");
-  json sums = {{manifest.filename().string(), checked_sum(manifest, options.any_weights)}};
+  json sums = {{manifest.filename().string(), verified_sha256(manifest, options.any_weights)}};
   for (const std::string& shard : linalg::shards_of_manifest(options.manifest))
-    sums[shard] = checked_sum(manifest.parent_path() / shard, options.any_weights);
+    sums[shard] = verified_sha256(manifest.parent_path() / shard, options.any_weights);
   const linalg::NamedTensors tensors = linalg::read_weights_manifest(options.manifest);
-  const Imported imported = described(tensors, options.manifest);
+  const Imported imported = describe_network(tensors, options.manifest);
   const std::string output =
       folder.empty() ? options.output : (fs::path(folder) / imported.model->file).string();
   if (!folder.empty()) {

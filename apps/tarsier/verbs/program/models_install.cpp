@@ -44,7 +44,7 @@ constexpr std::int64_t kMaxBytes = ArchiveLimits{}.max_bytes;
 
 struct InstallOptions {
   std::string file;
-  std::string as;
+  std::string replaces;
   std::string folder;  // --own-dir
 };
 
@@ -140,8 +140,8 @@ std::string names_of(const std::vector<ModelFile>& models) {
 }
 
 // The shipped model that the file replaces.
-ModelFile place_for(const InstallOptions& options, const ModelStore& store,
-                    const Archive& archive) {
+ModelFile shipped_model_for(const InstallOptions& options, const ModelStore& store,
+                            const Archive& archive) {
   const std::vector<ModelFile> shipped = shipped_of(store, archive.type);
   if (shipped.empty()) {
     throw ModelError(options.file,
@@ -149,20 +149,22 @@ ModelFile place_for(const InstallOptions& options, const ModelStore& store,
                                  "none to replace; pass it with its flag (--model ..)",
                                  printable(archive.type)));
   }
-  if (options.as.empty() && shipped.size() > 1) {
+  if (options.replaces.empty() && shipped.size() > 1) {
     throw UsageError(
         fmt::format("which model does it replace? Give --as with one of: {}", names_of(shipped)));
   }
   for (const ModelFile& model : shipped) {
-    if (options.as.empty() || model.name == options.as || model.file == options.as) return model;
+    if (options.replaces.empty() || model.name == options.replaces ||
+        model.file == options.replaces)
+      return model;
   }
-  throw UsageError(fmt::format("--as {}: a '{}' can replace only {}", printable(options.as),
+  throw UsageError(fmt::format("--as {}: a '{}' can replace only {}", printable(options.replaces),
                                printable(archive.type), names_of(shipped)));
 }
 
-void check_as_verbs_do(const std::string& path, const ModelFile& place, const Archive& archive) {
+void check_usable(const std::string& path, const ModelFile& shipped_model, const Archive& archive) {
   std::optional<Archive> shipped;
-  static_cast<void>(problem_of(place, shipped));
+  static_cast<void>(problem_of(shipped_model, shipped));
   if (archive.version > shipped->version) {
     throw ModelError(path, fmt::format("has version {}, this program reads up to {}: it was made "
                                        "by a newer program",
@@ -173,11 +175,11 @@ void check_as_verbs_do(const std::string& path, const ModelFile& place, const Ar
   });
   if (type == kTypes.end()) return;
   const int points = type->points(path);
-  const int wanted = type->points(place.path);
-  if (points != wanted) {
+  const int expected_points = type->points(shipped_model.path);
+  if (points != expected_points) {
     throw ModelError(path, fmt::format("has {} points, but {} has {}, on which other models "
                                        "depend: pass it with its flag (--model ..)",
-                                       points, place.name, wanted));
+                                       points, shipped_model.name, expected_points));
   }
 }
 
@@ -189,32 +191,33 @@ ExitStatus install(const Context& context, const InstallOptions& options) {
   hash.add(bytes);
   const std::string sum = hash.hex();
   const Archive archive = read_any_archive(options.file);
-  const ModelFile place = place_for(options, store, archive);
-  check_as_verbs_do(options.file, place, archive);
+  const ModelFile shipped_model = shipped_model_for(options, store, archive);
+  check_usable(options.file, shipped_model, archive);
   // The installed file must be the one that was checked.
   if (sha256_of_file(options.file) != sum)
     throw ModelError(options.file, "changed while it was read; try again");
 
   make_folder(folder);
   std::map<std::string, std::string> sums = read_model_index(folder);
-  const std::string path = (fs::path(folder) / place.file).string();
+  const std::string path = (fs::path(folder) / shipped_model.file).string();
   write_file_atomically(path, bytes);
-  sums[place.file] = sum;
+  sums[shipped_model.file] = sum;
   write_index(folder, sums);
-  const std::string used_by = card_text(place, "Used by");
+  const std::string used_by = card_text(shipped_model, "Used by");
   if (context.json) {
-    print_json(json{{"name", place.name},
+    print_json(json{{"name", shipped_model.name},
                     {"file", path},
                     {"type", archive.type},
                     {"version", archive.version},
                     {"bytes", bytes.size()},
                     {"sha256", sum},
-                    {"shipped_sha256", sha256_of_file(place.path)},
+                    {"shipped_sha256", sha256_of_file(shipped_model.path)},
                     {"used_by", used_by},
                     {"provenance", archive.provenance}});
   } else if (!context.quiet) {
     print_text(fmt::format("{} is installed in {}\n  sha256   {}\n  used by  {}\n",
-                           printable(place.name), printable(folder), sum, printable(used_by)));
+                           printable(shipped_model.name), printable(folder), sum,
+                           printable(used_by)));
     if (store.own_folder() != folder)
       print_text(fmt::format("Verbs use it if TARSIER_OWN_MODELS is {}\n", printable(folder)));
   }
@@ -261,7 +264,7 @@ void add_models_install(Command& models, Context& context) {
       add("install", "use your own model instead of a shipped one in all verbs", install);
   install_verb.add_option("FILE", options->file, "model file written by a train verb").required();
   install_verb.add_option(
-      "--as", options->as,
+      "--as", options->replaces,
       "name of the shipped model to replace, as `models list` shows it [the only one of its type]");
   add("remove", "remove your own model and use the shipped one again", remove)
       .add_option("NAME", options->file, "name as `models list` shows it")

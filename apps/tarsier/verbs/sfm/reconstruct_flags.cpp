@@ -218,12 +218,12 @@ void add_cache_flags(Command& verb, ReconstructFlags& flags) {
 sfm::ReconstructorOptions result_options(const ReconstructFlags& flags) {
   sfm::ReconstructorOptions options = flags.options;
   complete_placement(flags, options);
-  const auto asked = [&](const char* what) {
+  const auto is_requested = [&](const char* what) {
     return std::find(flags.exports.begin(), flags.exports.end(), what) != flags.exports.end();
   };
-  options.undistorted = asked("undistorted");
-  options.binary = asked("binary");
-  options.database = asked("database");
+  options.undistorted = is_requested("undistorted");
+  options.binary = is_requested("binary");
+  options.database = is_requested("database");
   options.cache = !flags.no_cache;
   if (!flags.memory.empty()) {
     if (flags.no_cache)

@@ -135,8 +135,8 @@ void print_report(const sfm::ShardReport& report, const Context& context) {
 
 ExitStatus find_features(const ShardFlags& flags, Context& context) {
   const sfm::ShardedReconstructor sharded(flags.folder);
-  const Shard asked = first_and_last(flags, sharded.plan());
-  for (int shard = asked.number; shard <= asked.count; ++shard)
+  const Shard selected = first_and_last(flags, sharded.plan());
+  for (int shard = selected.number; shard <= selected.count; ++shard)
     print_report(sharded.find_features(shard, *context.progress, context.stop), context);
   return ExitStatus::kDone;
 }
@@ -149,8 +149,8 @@ ExitStatus match(const ShardFlags& flags, Context& context) {
     print_report(sharded.choose_pairs(*context.progress, context.stop), context);
     return ExitStatus::kDone;
   }
-  const Shard asked = first_and_last(flags, sharded.plan());
-  for (int shard = asked.number; shard <= asked.count; ++shard)
+  const Shard selected = first_and_last(flags, sharded.plan());
+  for (int shard = selected.number; shard <= selected.count; ++shard)
     print_report(sharded.match(shard, *context.progress, context.stop), context);
   return ExitStatus::kDone;
 }
@@ -183,11 +183,11 @@ Shard first_and_last_cluster(const std::string& text, const sfm::Plan& plan) {
     throw UsageError(
         "--cluster: the plan has no clusters: make a plan with `tarsier sfm plan --cluster-size`");
   if (text == "all") return {1, clusters};
-  const Shard asked = parse_shard(text, "--cluster");
-  if (asked.count != clusters)
+  const Shard selected = parse_shard(text, "--cluster");
+  if (selected.count != clusters)
     throw UsageError(fmt::format("--cluster {}: the plan has {} cluster{}", text, clusters,
                                  clusters == 1 ? "" : "s"));
-  return {asked.number, asked.number};
+  return {selected.number, selected.number};
 }
 
 ExitStatus map(const MapFlags& flags, Context& context) {
@@ -203,8 +203,8 @@ ExitStatus map(const MapFlags& flags, Context& context) {
       throw UsageError(
           "--align, --distance, --marker-size, --export, --turntable: pass them to `sfm merge`, "
           "not with --cluster");
-    const Shard asked = first_and_last_cluster(flags.cluster, sharded.plan());
-    for (int cluster = asked.number; cluster <= asked.count; ++cluster)
+    const Shard selected = first_and_last_cluster(flags.cluster, sharded.plan());
+    for (int cluster = selected.number; cluster <= selected.count; ++cluster)
       print_report(sharded.map_cluster(cluster, options, *context.progress, context.stop), context);
     return ExitStatus::kDone;
   }

@@ -20,12 +20,12 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr double kUsualDistance = 10;  // units, distance of the cameras from a rendered scene
-constexpr int kPointsAcross = 40;      // number of points across the width of an image
+constexpr double kCameraDistance = 10;  // units, distance of the cameras from a rendered scene
+constexpr int kPointsAcross = 40;       // number of points across the width of an image
 // share of the depth, within which depths count as the same surface
-constexpr double kSameDepth = 1e-3;
+constexpr double kMaxDepthDifference = 1e-3;
 // share of the depth, max difference between neighbours without an edge
-constexpr double kSameSurface = 0.05;
+constexpr double kMaxDepthStep = 0.05;
 
 cv::Mat1f depth_of(const synth::SfmScene& scene, int index, const std::stop_token& stop) {
   const geometry::Camera camera = scene.camera();
@@ -52,7 +52,7 @@ cv::Mat3f normals_of(const geometry::Camera& camera, const cv::Mat1f& depth) {
       const int u = x + side * dx;
       const int v = y + side * dy;
       if (u < 0 || v < 0 || u >= depth.cols || v >= depth.rows || !(depth(v, u) > 0)) continue;
-      if (std::abs(depth(v, u) / depth(y, x) - 1) < kSameSurface)
+      if (std::abs(depth(v, u) / depth(y, x) - 1) < kMaxDepthStep)
         return side * (point(u, v) - point(x, y));
     }
     return Eigen::Vector3d::Zero();
@@ -99,16 +99,18 @@ sfm::Model true_model(const synth::SfmScene& scene, const std::stop_token& stop)
                          Eigen::Vector3d((pixel.x - camera.cx) / camera.fx * *depth,
                                          (pixel.y - camera.cy) / camera.fy * *depth, *depth);
         for (int j = 0; j < scene.count(); ++j) {
-          const Eigen::Vector3d there = scene.pose(j) * point.position;
-          const auto seen = camera.project(there);
-          if (!seen || !(seen->x > 0 && seen->y > 0 && seen->x < camera.width - 1 &&
-                         seen->y < camera.height - 1))
+          const Eigen::Vector3d in_camera = scene.pose(j) * point.position;
+          const auto projection = camera.project(in_camera);
+          if (!projection ||
+              !(projection->x > 0 && projection->y > 0 && projection->x < camera.width - 1 &&
+                projection->y < camera.height - 1))
             continue;
-          const auto visible = scene.depth(j, *seen);
-          if (!visible || !(std::abs(*visible / there.z() - 1) < kSameDepth)) continue;
+          const auto visible = scene.depth(j, *projection);
+          if (!visible || !(std::abs(*visible / in_camera.z() - 1) < kMaxDepthDifference)) continue;
           sfm::Image& image = model.images[static_cast<std::size_t>(j)];
           point.track.push_back({j, static_cast<int>(image.features.size())});
-          image.features.emplace_back(static_cast<float>(seen->x), static_cast<float>(seen->y));
+          image.features.emplace_back(static_cast<float>(projection->x),
+                                      static_cast<float>(projection->y));
           image.points.push_back(static_cast<int>(model.points.size()));
         }
         if (point.track.size() >= 2) {
@@ -125,7 +127,7 @@ sfm::Model true_model(const synth::SfmScene& scene, const std::stop_token& stop)
 // Writes the exact surface, sampled at points about two pixels apart.
 void write_mesh(const std::string& folder, const synth::SfmScene& scene,
                 const std::stop_token& stop) {
-  const double pixel = kUsualDistance / scene.camera().fx;
+  const double pixel = kCameraDistance / scene.camera().fx;
   synth::SceneSurface surface = scene.surface(std::clamp(2 * pixel, 0.02, 0.2), stop);
   sfm::TexturedSurface mesh;
   mesh.mesh.vertices = std::move(surface.vertices);
