@@ -81,7 +81,8 @@ std::vector<OptionsCase> face_options() {
       options_case<face::landmarks::RegressionNetworkOptions>(
           "face::landmarks::RegressionNetworkOptions"),
       options_case<face::landmarks::VisibilityOptions>("face::landmarks::VisibilityOptions"),
-      options_case<face::landmarks::AlphaBetaFilterOptions>("face::landmarks::AlphaBetaFilterOptions"),
+      options_case<face::landmarks::AlphaBetaFilterOptions>(
+          "face::landmarks::AlphaBetaFilterOptions"),
       options_case<face::landmarks::TrackerOptions>("face::landmarks::TrackerOptions"),
       options_case<face::landmarks::TrainModelOptions>("face::landmarks::TrainModelOptions"),
       options_case<face::landmarks::TreesOptions>("face::landmarks::TreesOptions"),
