@@ -80,7 +80,7 @@ void shards() {
   cluster.cameras = {0, 0, 0, 0, 0};
   cluster.reasons = {"", "too few points", "", "", ""};
   cluster.models = {sfm::packed(sfm::synthetic_model())};
-  cluster.refused = {{0, 2}, {3, 7}};
+  cluster.rejected_pairs = {{0, 2}, {3, 7}};
   (void)sfm::write_cluster_models(seed("cluster_models", "one"), cluster);
   write_without_checksum(seed("cluster_models", "one"));
 }

@@ -130,7 +130,7 @@ TARSIER_FUZZ_TARGET(web_multipart, kBytes) {
     Pieces pieces({reinterpret_cast<const std::uint8_t*>(parts[1].data()), parts[1].size()}, most);
     for (Bytes piece = pieces.next(); !piece.empty() && seen.is_good; piece = pieces.next())
       seen.is_good = parser.feed(text_of(piece));
-    seen.text += parser.is_complete() ? "complete" : parser.trouble();
+    seen.text += parser.is_complete() ? "complete" : parser.error();
     return seen;
   };
   const Seen small = read(5);

@@ -124,7 +124,7 @@ struct Gaze {
 
 struct PointingScore {
   int images = 0;              // |pan| <= 45, |tilt| <= 30
-  int seen = 0;                // by the strict face detector
+  int detected = 0;            // by the strict face detector
   int detected_with_pose = 0;  // of those with a pose
   int with_pose = 0;  // with a pose, including faces that only a less strict search detected
   // Mean absolute error after subtracting the median error, because people do not look exactly
