@@ -38,7 +38,7 @@ std::string current_name(const std::string& flag, const std::vector<std::string>
   constexpr std::pair<std::string_view, std::string_view> kPrefixes[] = {
       {"--least-", "--min-"},       {"--most-", "--max-"},      {"--film", "--video"},
       {"--least", "--min-markers"}, {"--least", "--min-faces"}, {"--least", "--min-sightings"},
-      {"--most", "--max-markers"},  {"--most", "--max-samples"}};
+      {"--most", "--max-markers"},  {"--most", "--max-samples"},  {"--judge-steps", "--refine-steps"}};
   for (const auto& [old, present] : kPrefixes) {
     if (!flag.starts_with(old)) continue;
     std::string name = std::string(present) + flag.substr(old.size());

@@ -48,7 +48,7 @@ struct FaceTrainingOptions {
   [[nodiscard]] OptionFields fields() {
     return {{"scan_steps", scan_steps, range(3, 1'000'000), "--scan-steps",
              "training steps of the first network"},
-            {"judge_steps", refine_steps, range(3, 1'000'000), "--judge-steps",
+            {"refine_steps", refine_steps, range(3, 1'000'000), "--refine-steps",
              "training steps of the second network"},
             {"check_steps", verify_steps, range(3, 1'000'000), "--check-steps",
              "training steps of the third network"},
