@@ -36,9 +36,15 @@ std::vector<std::string> long_names(const Command& command) {
 // former name of a flag of this command. `flag` has no "=value".
 std::string current_name(const std::string& flag, const std::vector<std::string>& known) {
   constexpr std::pair<std::string_view, std::string_view> kPrefixes[] = {
-      {"--least-", "--min-"},       {"--most-", "--max-"},      {"--film", "--video"},
-      {"--least", "--min-markers"}, {"--least", "--min-faces"}, {"--least", "--min-sightings"},
-      {"--most", "--max-markers"},  {"--most", "--max-samples"},  {"--judge-steps", "--refine-steps"}};
+      {"--least-", "--min-"},
+      {"--most-", "--max-"},
+      {"--film", "--video"},
+      {"--least", "--min-markers"},
+      {"--least", "--min-faces"},
+      {"--least", "--min-sightings"},
+      {"--most", "--max-markers"},
+      {"--most", "--max-samples"},
+      {"--judge-steps", "--refine-steps"}};
   for (const auto& [old, present] : kPrefixes) {
     if (!flag.starts_with(old)) continue;
     std::string name = std::string(present) + flag.substr(old.size());
