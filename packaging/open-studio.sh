@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
-# What the desktop entry of the studio starts: the user's unit, then a browser with a new link. Without systemd the
-# server runs until the session ends.
+# The desktop entry of the studio runs this script. It starts the user's unit, then a browser with a new link. Without
+# systemd the server runs until the session ends.
 systemctl --user start tarsier-studio.service 2>/dev/null ||
   { tarsier serve --link >/dev/null 2>&1 || setsid tarsier serve --no-browser >/dev/null 2>&1 & }
 tries=0
