@@ -90,7 +90,7 @@ constexpr ModeText kModes[] = {
     {Mode::kSketch, "sketch: pencil lines alone"},
     {Mode::kPaint, "paint: flat colours, sharp edges"},
     {Mode::kEvil, "evil: the painting with heavy ink"},
-    {Mode::kEvilSketch, "evil-sketch: heavy ink alone"},
+    {Mode::kEvilSketch, "evil-sketch: heavy ink only"},
 };
 
 void add_samples(Context& context, DemoPage& page, const std::vector<Sample>& images) {

@@ -19,9 +19,9 @@ bool SessionControls::act(std::string_view name) {
 }
 
 std::vector<Action> SessionControls::append_to(std::vector<Action> actions) const {
-  if (pauses_) actions.push_back({"pause", "pause and go on", pause_key_});
-  actions.push_back({"help", "this list", 'h'});
-  actions.push_back({"quit", "end", 'q'});
+  if (pauses_) actions.push_back({"pause", "pause and resume", pause_key_});
+  actions.push_back({"help", "show this list", 'h'});
+  actions.push_back({"quit", "quit", 'q'});
   return actions;
 }
 

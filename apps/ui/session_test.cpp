@@ -6,9 +6,9 @@
 namespace tarsier {
 namespace {
 
-const std::vector<Action> kActions{{"zoom", "nearer", '+'},    {"mirror", "mirrored", 'm'},
-                                   {"next", "the next", 'n'},  {"hide", "hide it", 'h'},
-                                   {"help", "this list", '?'}, {"quit", "end", 0}};
+const std::vector<Action> kActions{{"zoom", "nearer", '+'},         {"mirror", "mirrored", 'm'},
+                                   {"next", "the next", 'n'},       {"hide", "hide it", 'h'},
+                                   {"help", "show this list", '?'}, {"quit", "end", 0}};
 
 TEST(ActionOf, IgnoresShiftAndCapsLock) {
   EXPECT_EQ(action_of(key_event('m'), kActions), "mirror");
@@ -28,7 +28,7 @@ TEST(ActionOf, MapsTheCommonKeys) {
   for (const int key : {key::kRight, key::kSpace, key::kEnter})
     EXPECT_EQ(action_of(key_event(key), kActions), "next");
   EXPECT_EQ(action_of(key_event('?'), kActions), "help");
-  EXPECT_EQ(action_of(key_event('h'), {{"help", "this list", 0}}), "help");
+  EXPECT_EQ(action_of(key_event('h'), {{"help", "show this list", 0}}), "help");
 }
 
 TEST(ActionOf, IsEmptyForUnknownKeys) {

@@ -29,7 +29,7 @@ using Clock = std::chrono::steady_clock;
 
 [[noreturn]] void fail(const std::string& message) { throw Error(ErrorKind::kInput, message); }
 
-[[noreturn]] void fail_display_lost() { fail("the display went away; the window is closed"); }
+[[noreturn]] void fail_display_lost() { fail("the display was lost; the window is closed"); }
 
 // --- a toolkit that ends the process ---
 
@@ -50,7 +50,7 @@ void on_abort(int) {
 
 void on_exit() {
   if (g_is_in_toolkit != 0)
-    exit_with_line("tarsier: error: the display went away; the window is closed\n");
+    exit_with_line("tarsier: error: the display was lost; the window is closed\n");
 }
 
 class ToolkitGuard {
@@ -121,7 +121,7 @@ void check_display() {
     setenv("QT_QPA_PLATFORM", "wayland", 1);
   } else {
     const char* display = std::getenv("DISPLAY");
-    fail(fmt::format("no display: nothing answers at {}; give -o OUT, or run on a desktop",
+    fail(fmt::format("no display: no answer from {}; give -o OUT, or run on a desktop",
                      display != nullptr && *display != '\0' ? fmt::format("DISPLAY={}", display)
                                                             : std::string("WAYLAND_DISPLAY")));
   }

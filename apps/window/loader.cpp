@@ -51,7 +51,7 @@ Module load() {
   }
   if (path.empty()) {
     fail(fmt::format(
-        "no window: {} is not beside the program; install the package tarsier-gui, or give -o OUT",
+        "no window: {} is not next to the program; install the package tarsier-gui, or give -o OUT",
         kModule));
   }
   // Never unloaded: the toolkit leaves exit handlers behind.

@@ -368,7 +368,7 @@ class PipeWindow final : public Window {
          lines_.feed(std::string_view(buffer_.data(), static_cast<std::size_t>(count))))
       take(line);
     received_ += lines_.refused() - refused;
-    if (lines_.refused() != refused) warn("a line is passed over: " + lines_.last_error());
+    if (lines_.refused() != refused) warn("a line is ignored: " + lines_.last_error());
     // An image requested together with an event must show the event's effect.
     if (events_.empty()) advance();
   }

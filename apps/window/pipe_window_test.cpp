@@ -437,7 +437,7 @@ TEST_F(PipeWindowTest, WarnsAtMostOnceASecond) {
     (void)events();
   }
   const std::string log = ::testing::internal::GetCapturedStderr();
-  EXPECT_THAT(log, HasSubstr("window: a line is passed over"));
+  EXPECT_THAT(log, HasSubstr("window: a line is ignored"));
   EXPECT_LE(std::count(log.begin(), log.end(), '\n'), 5) << log;
 }
 

@@ -244,7 +244,7 @@ def cartoon():
     expect(s.state["width"] in (320, 640) and len(small) < len(frozen), "cartoon: the small image is %d bytes" % len(small))
     s.write(b"nonsense\n" + b"x" * 100000 + b"\n")
     perform(s, "pause", "resumed", lambda state: not state["paused"])
-    expect("a line is passed over" in s.log(), "cartoon: no warning of a broken line: " + s.log())
+    expect("a line is ignored" in s.log(), "cartoon: no warning of a broken line: " + s.log())
     s.close()
     lines = [json.loads(line) for line in stdout_lines()]
     expect(any(line.get("event") == "action sketch" for line in lines), "cartoon: no line of the action")

@@ -133,7 +133,7 @@ class AreaPages(AreaPageTest):
         self.page.click("button", "Merge")
         self.page.wait("!document.querySelector('dialog[open]')")
         self.assertEqual(self.people(), {one: before[one] - 2, other: before[other] + 1})
-        self.page.wait_text(f"{name} is part of {one}")
+        self.page.wait_text(f"{name} merged into {one}")
         self.path("people-named-corrected")
         for _ in range(4):
             self.undo_last()

@@ -304,7 +304,7 @@ class SessionTest(pages.PageTest):
         self.page.click("button", "Stages")
         self.page.wait("!document.querySelector('.stages')")
         # Also for sessions with slow first frames.
-        for verb, name in (("pose track", b"second/mean"), ("people live", b"light taken out")):
+        for verb, name in (("pose track", b"second/mean"), ("people live", b"illumination normalised")):
             id = self.start(verb, SMALL)
             self.go(f"/session/{id}")
             self.page.wait(IMAGE)

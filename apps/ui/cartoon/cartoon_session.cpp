@@ -40,11 +40,11 @@ constexpr ModeAction kModeActions[] = {
     {Mode::kSketch, "pencil sketch", 's'},
     {Mode::kPaint, "painting", 'p'},
     {Mode::kCartoon, "cartoon: painting with pencil lines", 'c'},
-    {Mode::kEvil, "evil: heavy ink (again: ink alone)", 'e'},
-    {Mode::kEvilSketch, "heavy ink alone", 0},
+    {Mode::kEvil, "evil: heavy ink (again: ink only)", 'e'},
+    {Mode::kEvilSketch, "heavy ink only", 0},
     {Mode::kAlien, "alien: another skin colour", 'a'},
     {Mode::kSmooth, "smooth skin", 'm'},
-    {Mode::kNone, "the image as it is", 'n'},
+    {Mode::kNone, "the unchanged image", 'n'},
 };
 constexpr std::size_t kEvilAction = 3;  // the next action is the ink alone
 
@@ -205,8 +205,8 @@ std::vector<Action> CartoonSession::own_actions() const {
     std::swap(result[kEvilAction].key, result[kEvilAction + 1].key);
   result.push_back({"threshold-up", "fewer lines", '+'});
   result.push_back({"threshold-down", "more lines", '-'});
-  result.push_back({"steady", "steady lines on, off", 't'});
-  result.push_back({"debug", "all stages side by side", 'd'});
+  result.push_back({"steady", "steady lines on or off", 't'});
+  result.push_back({"debug", "show all stages side by side", 'd'});
   result.push_back({"save", "save the image", 'w'});
   result.push_back({"fullscreen", "full screen", 'f'});
   return result;
@@ -235,7 +235,7 @@ bool CartoonSession::act(const std::string& name) {
     } else if (name == "fullscreen") {
       toggle_fullscreen();
     } else {
-      log_warning("no action '{}'", name);
+      log_warning("unknown action '{}'", name);
     }
     return false;
   }
@@ -249,7 +249,7 @@ bool CartoonSession::slide(const Event& event) {
   } else if (event.name == kEvilSlider) {
     settings_.evil.threshold = value;
   } else {
-    log_warning("no slider '{}'", event.name);
+    log_warning("unknown slider '{}'", event.name);
     return false;
   }
   return changed();

@@ -70,7 +70,7 @@ void AnnotateSession::load() {
   }
   state_.replay(records, journal_path);
   if (!records.empty())
-    message_ = fmt::format("Went on where the last run stopped ({} {})", records.size(),
+    message_ = fmt::format("Resumed where the last run stopped ({} {})", records.size(),
                            records.size() == 1 ? "step" : "steps");
   unsaved_ = static_cast<int>(records.size());
   int first = std::max(0, reference());
@@ -259,7 +259,7 @@ void AnnotateSession::propose_now() {
                                     (image_.rows - 1) / std::max(1.0, high.y())});
     *points *= shrink;
     if (message_.empty())
-      message_ = "Drag the points to their places (shift: all; [ ] < > size and turn)";
+      message_ = "Drag the points into place (shift: all; [ ] scale; < > rotate)";
   }
   // Points outside the image could not be reached.
   points->row(0) = points->row(0).cwiseMax(0).cwiseMin(image_.cols - 1);
@@ -296,13 +296,13 @@ void AnnotateSession::estimate_positions() {
 
 void AnnotateSession::pick() {
   if (frame_.image.empty()) {
-    message_ = "There is no frame yet";
+    message_ = "No frame yet";
     return;
   }
   const std::string path =
       (fs::path(frames_folder()) / fmt::format("frame-{:06}.png", frame_.index)).string();
   if (state_.find(path) >= 0) {
-    message_ = "This frame is picked already";
+    message_ = "This frame is already picked";
     return;
   }
   std::error_code error;
@@ -332,7 +332,7 @@ void AnnotateSession::accept() {
     open(next);
     return;
   }
-  message_ = "All images are done. q: end";
+  message_ = "All images are done. q: quit";
 }
 
 void AnnotateSession::change_image(int direction) {
@@ -343,7 +343,7 @@ void AnnotateSession::change_image(int direction) {
     if (!edit("agree", [&](AnnotateState& state) { state.set_done(current_, true); })) return;
   }
   if (state_.stage() != AnnotateStage::kImages) {
-    message_ = "The other images come after points, lines and symmetry (5: now)";
+    message_ = "First finish points, lines and symmetry (5: skip to the images)";
     return;
   }
   selected_ = -1;
@@ -396,7 +396,7 @@ void AnnotateSession::nudge(double dx, double dy) {
 
 void AnnotateSession::remove_selected() {
   if (selected_ < 0) {
-    message_ = "Choose a point first: click it";
+    message_ = "Select a point first: click it";
     return;
   }
   if (state_.stage() == AnnotateStage::kImages && current_ != reference()) {
@@ -407,12 +407,12 @@ void AnnotateSession::remove_selected() {
   selected_ = -1;
   if (edit(fmt::format("delete {}", point),
            [&](AnnotateState& state) { state.remove_point(point); }))
-    message_ = fmt::format("Point {} is gone from all images (u: undo)", point);
+    message_ = fmt::format("Point {} deleted from all images (u: undo)", point);
 }
 
 void AnnotateSession::hide_selected() {
   if (selected_ < 0) {
-    message_ = "Choose a point first: click it";
+    message_ = "Select a point first: click it";
     return;
   }
   const bool hide = state_.image(current_).is_shown(selected_);
@@ -479,7 +479,7 @@ void AnnotateSession::click_pair(int point, bool chain) {
 void AnnotateSession::set_stage(AnnotateStage stage) {
   if (stage == state_.stage()) return;
   if (stage == AnnotateStage::kPick && !options_.video) {
-    message_ = "Frames are picked from videos only";
+    message_ = "Only videos have frames to pick";
     return;
   }
   if (stage != AnnotateStage::kPick && state_.images() == 0) {

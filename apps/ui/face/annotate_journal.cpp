@@ -65,7 +65,7 @@ std::vector<json> AnnotateJournal::open() {
     } catch (const Error& error) {
       // The machine went down while writing the last line.
       if (text.find('\n', end + 1) != std::string::npos || end + 1 < text.size())
-        throw InputError(path_, fmt::format("line {} is broken; mend it or move the file away",
+        throw InputError(path_, fmt::format("line {} is damaged; repair it or move the file away",
                                             records.size() + 1));
       break;
     }

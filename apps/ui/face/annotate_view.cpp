@@ -116,45 +116,44 @@ void AnnotateSession::zoom_to_points() {
 std::string AnnotateSession::instruction() const {
   if (!message_.empty()) return message_;
   if (is_learning_)
-    return state_.done() < 3 ? "Looking for the points..."
-                             : fmt::format("Learning from {} images...", state_.done());
+    return state_.done() < 3 ? "Detecting the points..."
+                             : fmt::format("Training on {} images...", state_.done());
   if (!read_error_.empty() && state_.stage() != AnnotateStage::kPick)
-    return read_error_ + " (n: the next)";
+    return read_error_ + " (n: next image)";
   switch (state_.stage()) {
     case AnnotateStage::kPick:
       if (is_video_over_)
-        return state_.images() > 0 ? "The video is over. Enter: mark the points"
-                                   : "The video is over, and no frame was picked";
-      return paused_ ? "s: pick this frame. Arrows: step. Space: play. Enter: mark the points"
-                     : "s: pick a frame. Space: pause. Enter: enough, mark the points";
+        return state_.images() > 0 ? "The video has ended. Enter: mark points"
+                                   : "The video has ended. No frame was picked";
+      return paused_ ? "s: pick this frame. Arrows: step. Space: play. Enter: mark points"
+                     : "s: pick a frame. Space: pause. Enter: done, mark points";
     case AnnotateStage::kPoints:
       if (state_.points() == 0) return "Click the first point";
-      return fmt::format("Click point {}, or drag one. d: delete. Enter: all are there",
+      return fmt::format("Click point {}, or drag one. d: delete. Enter: all done",
                          state_.points());
     case AnnotateStage::kConnections:
       if (selected_ >= 0)
-        return fmt::format("Point {} - click the point to draw its line to", selected_);
-      return "Click two points to draw a line between them. Enter: go on";
+        return fmt::format("Point {}: click the point to connect it to", selected_);
+      return "Click two points to draw a line between them. Enter: continue";
     case AnnotateStage::kSymmetry: {
       if (selected_ >= 0)
-        return fmt::format("Point {} - click its mirror image, or itself if it is in the middle",
+        return fmt::format("Point {}: click its mirrored point, or itself if on the axis",
                            selected_);
       const auto open = std::count(state_.mirror().begin(), state_.mirror().end(), -1);
       return open == 0
-                 ? "All points have a mirror image. Enter: go on"
-                 : fmt::format("Click two points that mirror each other; {} left. Enter: go on",
-                               open);
+                 ? "All points are paired. Enter: continue"
+                 : fmt::format("Click two mirrored points; {} left to pair. Enter: continue", open);
     }
     case AnnotateStage::kImages: {
       if (state_.images() == 0 || state_.points() == 0)
-        return "There are no points yet. 2: mark them on the first image";
+        return "No points yet. 2: mark them on the first image";
       const AnnotatedImage& here = state_.image(current_);
       if (selected_ >= 0)
-        return fmt::format("Point {}: drag it, arrows nudge it, h {} it", selected_,
-                           here.is_shown(selected_) ? "hides" : "shows");
-      if (!here.done) return "Drag what is wrong. Enter: all is right, next image";
-      if (state_.done() == state_.images()) return "All images are done. q: end";
-      return "Done. Enter: the next image that is not";
+        return fmt::format("Point {}: drag or nudge it (arrows). h: {} it", selected_,
+                           here.is_shown(selected_) ? "hide" : "show");
+      if (!here.done) return "Drag wrong points. Enter: confirm, next image";
+      if (state_.done() == state_.images()) return "All images are done. q: quit";
+      return "Done. Enter: next unfinished image";
     }
   }
   return "";
@@ -318,9 +317,9 @@ void AnnotateSession::draw() {
   image::draw::status_bar(shown_, instruction(), progress_text());
   if (!controls_.help() || !draws_status()) return;
   draw_help(shown_, "Annotation", actions(),
-            {{"left mouse", "add, choose, drag; shift: drag all points"},
-             {"right mouse", "move the image; wheel: nearer, farther"},
-             {"arrows", "nudge the chosen point; else previous, next"}});
+            {{"left mouse", "add, select, drag; shift: drag all points"},
+             {"right mouse", "move the image; wheel: zoom"},
+             {"arrows", "nudge the selected point; else previous, next"}});
 }
 
 View AnnotateSession::view() {

@@ -59,9 +59,9 @@ bool AppearanceSession::act(const std::string& name) {
 }
 
 std::vector<Action> AppearanceSession::own_actions() const {
-  return {{"view", "mesh, the model's face, points, nothing", 'v'},
-          {"errors", "what the model does not explain", 'e'},
-          {"redetect", "look for faces again", 'd'}};
+  return {{"view", "choose the overlay: mesh, model, points, none", 'v'},
+          {"errors", "show the residual of the model", 'e'},
+          {"redetect", "detect faces again", 'd'}};
 }
 
 void AppearanceSession::draw_object(const Eigen::Matrix2Xd& points, Overlay overlay,

@@ -119,16 +119,17 @@ View ExploreSession::on_event(const Event& event) {
 }
 
 std::vector<Action> ExploreSession::actions() const {
-  std::vector<Action> list{{"mean", "the mean face", '0'}, {"random", "a random face", 'r'}};
+  std::vector<Action> list{{"mean", "show the mean face", '0'},
+                           {"random", "show a random face", 'r'}};
   if (base_) {
-    list.push_back({"image", "the image's own face", 'f'});
-    list.push_back({"over", "over the image, or by itself", 'o'});
+    list.push_back({"image", "show the face of the image", 'f'});
+    list.push_back({"over", "draw over the image or alone", 'o'});
   }
-  list.push_back({"mesh", "the mesh", 'm'});
-  list.push_back({"next", "the next mode", 'n'});
-  list.push_back({"previous", "the previous mode", 'p'});
-  list.push_back({"more", "more of the mode (1/4 deviation)", '+'});
-  list.push_back({"less", "less of the mode", '-'});
+  list.push_back({"mesh", "show the mesh", 'm'});
+  list.push_back({"next", "next mode", 'n'});
+  list.push_back({"previous", "previous mode", 'p'});
+  list.push_back({"more", "add 1/4 standard deviation of the mode", '+'});
+  list.push_back({"less", "subtract 1/4 standard deviation", '-'});
   return controls_.append_to(std::move(list));
 }
 
@@ -166,7 +167,7 @@ View ExploreSession::view() {
   shown_ = draws_status() ? framed(result.output) : result.output;
   const std::string name = mode_name();
   const double* value = value_of(name);
-  result.status = fmt::format("{}: {:+.2f} deviations; {} shape modes, {} of the look", name,
+  result.status = fmt::format("{}: {:+.2f} standard deviations; modes: {} shape, {} look", name,
                               value != nullptr ? *value : 0.0, shape_.size(), appearance_.size());
   if (draws_status()) {
     image::draw::status_bar(shown_, result.status, "h: help");
@@ -210,7 +211,7 @@ View ShapeSpaceSession::on_event(const Event& event) {
 
 std::vector<Action> ShapeSpaceSession::actions() const {
   return controls_.append_to(
-      {{"mean", "the mean shape", '0'}, {"training", "the shapes that were learnt from", 't'}});
+      {{"mean", "show the mean shape", '0'}, {"training", "show the training shapes", 't'}});
 }
 
 std::vector<Slider> ShapeSpaceSession::sliders() const {

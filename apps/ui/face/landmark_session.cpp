@@ -35,10 +35,10 @@ bool LandmarkSession::act(const std::string& name) {
 }
 
 std::vector<Action> LandmarkSession::own_actions() const {
-  return {{"redetect", "look for faces again", 'd'},
-          {"numbers", "numbers of the points", 'n'},
-          {"sigma", "how certain the points are: circles of one deviation", 'u'},
-          {"smooth", "smoothing on and off", 's'}};
+  return {{"redetect", "detect faces again", 'd'},
+          {"numbers", "show point numbers", 'n'},
+          {"sigma", "show uncertainty: circles of one standard deviation", 'u'},
+          {"smooth", "smoothing on or off", 's'}};
 }
 
 void LandmarkSession::draw(cv::Mat& image) {

@@ -65,10 +65,10 @@ View LandmarkSetSession::on_event(const Event& event) {
 std::vector<Action> LandmarkSetSession::actions() const {
   return controls_.append_to({{"next", "next image (right arrow, space)", 'n'},
                               {"previous", "previous image (left arrow)", 'p'},
-                              {"mirrored", "mirrored, as training may see it", 'm'},
-                              {"numbers", "numbers", 'i'},
-                              {"symmetry", "left and right in different colours", 'y'},
-                              {"lines", "lines", 'l'}});
+                              {"mirrored", "mirror the image, as in training", 'm'},
+                              {"numbers", "show point numbers", 'i'},
+                              {"symmetry", "colour left and right differently", 'y'},
+                              {"lines", "show lines", 'l'}});
 }
 
 View LandmarkSetSession::view() {
@@ -168,10 +168,10 @@ View ShapeModelSession::on_event(const Event& event) {
 std::vector<Action> ShapeModelSession::actions() const {
   return controls_.append_to({{"next", "next mode (right arrow)", 'n'},
                               {"previous", "previous mode (left arrow)", 'p'},
-                              {"more", "a quarter of a deviation more", '+'},
-                              {"less", "less", '-'},
-                              {"mean", "the mean", '0'},
-                              {"animate", "animate", key::kSpace}});
+                              {"more", "add 1/4 standard deviation", '+'},
+                              {"less", "subtract 1/4 standard deviation", '-'},
+                              {"mean", "show the mean", '0'},
+                              {"animate", "animate the mode", key::kSpace}});
 }
 
 std::vector<Slider> ShapeModelSession::sliders() const {
@@ -185,8 +185,8 @@ View ShapeModelSession::view() {
   const Eigen::VectorXd b = sigmas_.cwiseProduct(model_.deviation);
   const std::string title = model_.mode_count() == 0
                                 ? std::string("no modes")
-                                : fmt::format("mode {} of {}: {:+.2f} deviations", mode_ + 1,
-                                              model_.mode_count(), sigmas_[mode_]);
+                                : fmt::format("mode {} of {}: {:+.2f} standard deviations",
+                                              mode_ + 1, model_.mode_count(), sigmas_[mode_]);
   // The drawing has a bar at its bottom; the status is drawn below it.
   const cv::Mat drawing = face::shape::draw_shape(model_, b, kModelView, title);
   const int room = draws_status() ? kStatusHeight : 0;

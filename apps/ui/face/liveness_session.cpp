@@ -123,7 +123,7 @@ std::string LivenessSession::status() const {
 }
 
 std::vector<Action> LivenessSession::own_actions() const {
-  return {{"again", "begin again with another order", 'n'}};
+  return {{"again", "restart with another order", 'n'}};
 }
 
 bool LivenessSession::act(const std::string& name) {

@@ -54,7 +54,7 @@ void PatchSession::compute_responses() {
 std::vector<Action> PatchSession::actions() const {
   std::vector<Action> actions = {{"next", "next patch (right arrow, space)", 'n'},
                                  {"previous", "previous patch (left arrow)", 'p'}};
-  if (image_) actions.push_back({"search", "a wider search region, then the narrowest", 'w'});
+  if (image_) actions.push_back({"search", "widen the search region, then reset it", 'w'});
   return controls_.append_to(std::move(actions));
 }
 
@@ -113,19 +113,19 @@ void PatchSession::draw_patch() {
   const cv::Mat patch = face::landmarks::draw_patch(model_, current_, kPatchArea.height);
   image::draw::letterbox(patch, kPatchArea.size(), kBackground).copyTo(shown_(kPatchArea));
   label(shown_, fmt::format("weights of patch {}", current_), {kPatchArea.x, 14});
-  label(shown_, "their gradient", {kPatchArea.x + kPatchArea.width / 2 + 14, 14});
+  label(shown_, "gradient of the weights", {kPatchArea.x + kPatchArea.width / 2 + 14, 14});
 }
 
 void PatchSession::draw_image() {
   if (!image_) {
-    label(shown_, "--on IMAGE shows how it responds there", {kImageArea.x, kImageArea.y - 20});
+    label(shown_, "--on IMAGE shows the response there", {kImageArea.x, kImageArea.y - 20});
     return;
   }
   const face::landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
   const cv::Mat drawn = face::landmarks::draw_response(response, kImageArea.height);
   drawn.copyTo(shown_(cv::Rect(kImageArea.tl(), drawn.size())));
-  label(shown_, fmt::format("the image, {0}x{0} px", search_), {kImageArea.x, kImageArea.y - 20});
-  label(shown_, fmt::format("response, at best {:.2f}", response.best),
+  label(shown_, fmt::format("image, {0}x{0} px", search_), {kImageArea.x, kImageArea.y - 20});
+  label(shown_, fmt::format("response, maximum {:.2f}", response.best),
         {kImageArea.x + drawn.cols / 2 + 4, kImageArea.y - 20});
 }
 

@@ -88,7 +88,7 @@ cv::Rect PeopleSession::panel_area() const {
 
 std::string PeopleSession::prompt() const {
   if (mode_ != PeopleMode::kCollect) return "";
-  if (faces_.empty()) return "No face to be seen";
+  if (faces_.empty()) return "No face in the image";
   return kPrompts[static_cast<std::size_t>(collector_.accepted()) % kPrompts.size()];
 }
 
@@ -98,9 +98,9 @@ std::string PeopleSession::help_line() const {
     case PeopleMode::kStart:
       return "starting";
     case PeopleMode::kDetect:
-      return "Click Add Person to enrol whom you see";
+      return "Click Add Person to enrol a person";
     case PeopleMode::kCollect:
-      return fmt::format("Taking faces of {}: {} so far. Click elsewhere to end and train",
+      return fmt::format("Collecting faces of {}: {}. Click elsewhere to stop and train",
                          printable(people_[static_cast<std::size_t>(collecting_)].name),
                          collector_.accepted());
     case PeopleMode::kTrain:
@@ -108,17 +108,15 @@ std::string PeopleSession::help_line() const {
     case PeopleMode::kRecognize:
       break;
   }
-  return "Click a face at the right to add more of it, or Add Person";
+  return "Click a face at the right to add images of it, or Add Person";
 }
 
-// "3 groups, 2 unknown faces wait   "; empty if there are none.
+// "3 groups, 2 ungrouped faces   "; empty if there are none.
 std::string PeopleSession::unknown_text() const {
   if (group_count_ == 0 && ungrouped_count_ == 0) return "";
   std::string out = count_text(static_cast<std::size_t>(group_count_), "group");
   if (ungrouped_count_ > 0)
-    out += fmt::format(", {} wait{}",
-                       count_text(static_cast<std::size_t>(ungrouped_count_), "unknown face"),
-                       ungrouped_count_ == 1 ? "s" : "");
+    out += ", " + count_text(static_cast<std::size_t>(ungrouped_count_), "ungrouped face");
   return out + "   ";
 }
 
@@ -215,7 +213,7 @@ void PeopleSession::draw_debug() {
   const face::people::Face& face = faces_.front().face;
   kept.image("aligned", face.crop);
   (void)face::people::classical_face(face.crop, face::people::CropOptions(), {}, &kept);
-  kept.image("light taken out",
+  kept.image("illumination normalised",
              face::recognition::light_image(face::recognition::tan_triggs(face.crop)));
   const cv::Size size = image_size();
   const cv::Mat stages = image::draw::tile(kept.images, kept.names, {size.width - 20, 132});

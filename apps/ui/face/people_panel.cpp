@@ -57,17 +57,17 @@ PeoplePanel::PeoplePanel(face::people::Gallery& gallery, Options options)
     : gallery_(gallery), options_(std::move(options)) {}
 
 std::vector<Action> PeoplePanel::actions() {
-  return {{"groups", "unknown faces in groups", 'g'},
-          {"people", "the people and their faces", 'p'},
-          {"log", "what was corrected", 'l'},
-          {"up", "lists: the row before", key::kUp},
-          {"down", "lists: the row after", key::kDown},
-          {"open", "lists: the faces of this row", key::kEnter},
+  return {{"groups", "show groups of unknown faces", 'g'},
+          {"people", "show people and their faces", 'p'},
+          {"log", "show corrections", 'l'},
+          {"up", "lists: previous row", key::kUp},
+          {"down", "lists: next row", key::kDown},
+          {"open", "lists: show the faces of this row", key::kEnter},
           {"back", "lists: back", key::kBackspace},
           {"mark", "lists: mark this row", 'm'},
-          {"name", "who the group is; whose the marked faces are", 'w'},
-          {"merge", "lists: the marked rows are this one", 'j'},
-          {"split", "lists: the marked faces are somebody else", 's'},
+          {"name", "name the group, or move the marked faces to a person", 'w'},
+          {"merge", "lists: merge the marked rows into this one", 'j'},
+          {"split", "lists: split off the marked faces", 's'},
           {"forget", "lists: forget this row (asks)", 'f'}};
 }
 
@@ -268,7 +268,7 @@ bool PeoplePanel::act(std::string_view action) {
   } else if (action == "forget") {
     is_confirming_ =
         selected_row() != nullptr && (list_ == List::kGroups || list_ == List::kPeople);
-    if (!is_confirming_) message_ = "a group or a person is forgotten in the list of them";
+    if (!is_confirming_) message_ = "forget works in the lists of groups and people";
   } else {
     return false;
   }
@@ -353,7 +353,7 @@ void PeoplePanel::begin_naming() {
       begin_typing(proposals());
       break;
     default:
-      message_ = "mark people and choose another: merge makes them one";
+      message_ = "mark people, select another person, then merge";
   }
 }
 
@@ -389,9 +389,9 @@ void PeoplePanel::end_typing() {
     const std::int64_t id = gallery_.find(name)
                                 ? gallery_.move_faces(faces, name, stamp())
                                 : gallery_.split_person(person_, faces, name, stamp());
-    record_correction(
-        id, fmt::format("{} of {}: {}", with_count(static_cast<std::int64_t>(faces.size()), "face"),
-                        printable(person_), printable(name)));
+    record_correction(id, fmt::format("{} moved from {} to {}",
+                                      with_count(static_cast<std::int64_t>(faces.size()), "face"),
+                                      printable(person_), printable(name)));
     marked_.clear();
   });
 }
@@ -399,7 +399,7 @@ void PeoplePanel::end_typing() {
 void PeoplePanel::merge() {
   const Row* target_row = selected_row();
   if (target_row == nullptr || (list_ != List::kGroups && list_ != List::kPeople)) {
-    message_ = "groups and people are merged in the lists of them";
+    message_ = "merge works in the lists of groups and people";
     return;
   }
   const Row target = *target_row;
@@ -407,7 +407,7 @@ void PeoplePanel::merge() {
   for (const Row& row : rows_)
     if (marked_.contains(row.id) && row.id != target.id) from.push_back(row);
   if (from.empty()) {
-    message_ = "mark those that are the same as the chosen one first";
+    message_ = "first mark the rows to merge into the selected one";
     return;
   }
   correct([&] {
@@ -415,7 +415,7 @@ void PeoplePanel::merge() {
       record_correction(list_ == List::kGroups
                             ? gallery_.merge_groups(row.id, target.id, stamp())
                             : gallery_.merge_people(row.name, target.name, stamp()),
-                        fmt::format("{} is {} now", row.title, target.title));
+                        fmt::format("{} merged into {}", row.title, target.title));
     }
   });
   marked_.clear();
@@ -424,14 +424,14 @@ void PeoplePanel::merge() {
 void PeoplePanel::split() {
   if (list_ == List::kFacesOfPerson) return begin_naming();
   if (list_ != List::kFacesOfGroup || rows_.empty()) {
-    message_ = "faces are split off in the list of them";
+    message_ = "split works in the lists of faces";
     return;
   }
   correct([&] {
     const std::vector<std::int64_t> ids = affected_ids();
     record_correction(
         gallery_.split_group(group_, ids, stamp()),
-        fmt::format("{} of group {}: a group of their own",
+        fmt::format("{} of group {} split off as a new group",
                     with_count(static_cast<std::int64_t>(ids.size()), "face"), group_));
     marked_.clear();
   });
@@ -451,7 +451,7 @@ void PeoplePanel::undo() {
   correct([&] {
     const std::int64_t id = selected_row()->id;
     (void)gallery_.undo(id, stamp());
-    message_ = fmt::format("Correction {} is undone", id);
+    message_ = fmt::format("Correction {} undone", id);
     changed_ = true;
   });
 }
@@ -464,14 +464,12 @@ void PeoplePanel::forget() {
     const auto report = list_ == List::kGroups ? gallery_.forget_group(gone.id, {})
                                                : gallery_.forget(gone.name, {});
     changed_ = true;
-    message_ = !report ? gone.title + " was gone already"
+    message_ = !report ? gone.title + " was already deleted"
                : report->proven()
                    ? fmt::format(
-                         "{} is forgotten; {} searched, nothing is left", gone.title,
+                         "{} is forgotten; {} searched, no copy is left", gone.title,
                          with_count(static_cast<std::int64_t>(report->search.files.size()), "file"))
-                   : gone.title +
-                         " is forgotten; that no copy is left could not be "
-                         "proven";
+                   : gone.title + " is forgotten, but remaining copies cannot be ruled out";
   });
 }
 

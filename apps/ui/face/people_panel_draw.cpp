@@ -81,7 +81,7 @@ std::string PeoplePanel::title() const {
     case List::kFacesOfPerson:
       return fmt::format("Faces of {}", printable(person_));
     case List::kCorrections:
-      return "What was corrected";
+      return "Corrections";
     case List::kNone:
       break;
   }
@@ -90,18 +90,18 @@ std::string PeoplePanel::title() const {
 
 std::string PeoplePanel::hint() const {
   if (is_confirming_ && selected_row() != nullptr)
-    return fmt::format("Forget {} for good?   y: yes   n: no", selected_row()->title);
+    return fmt::format("Forget {} permanently?   y: yes   n: no", selected_row()->title);
   switch (list_) {
     case List::kGroups:
-      return "w: who it is   Enter: faces   m: mark   j: marked are this   f: forget   Esc";
+      return "w: name   Enter: faces   m: mark   j: merge marked   f: forget   Esc: back";
     case List::kPeople:
-      return "Enter: faces   m: mark   j: marked are this   f: forget   Esc: back";
+      return "Enter: faces   m: mark   j: merge marked   f: forget   Esc: back";
     case List::kFacesOfGroup:
-      return "m: mark   s: marked are a group of their own   w: who it is   Esc: back";
+      return "m: mark   s: split off marked   w: name the group   Esc: back";
     case List::kFacesOfPerson:
-      return "m: mark   x: marked are not   w: whose the marked are   Esc: back";
+      return "m: mark   x: reject marked   w: move marked   Esc: back";
     case List::kCorrections:
-      return "u: undo the chosen one   Esc: back";
+      return "u: undo the selected one   Esc: back";
     case List::kNone:
       break;
   }
@@ -172,7 +172,7 @@ void PeoplePanel::draw(cv::Mat& image, const cv::Rect& max_area) {
                          area.height - kTitle - kHint);
     if (rows_.empty()) {
       const std::string none =
-          list_ == List::kGroups ? "none: unknown faces are kept with --keep" : "none";
+          list_ == List::kGroups ? "none: --keep stores unknown faces" : "none";
       write(image, fitted(none, 10, inner.width - 8), {inner.x + 4, inner.y + 4}, 10, kPale);
     } else {
       try {
@@ -191,9 +191,9 @@ void PeoplePanel::draw(cv::Mat& image, const cv::Rect& max_area) {
   if (!typed_) return;
   const std::string whose =
       list_ == List::kFacesOfPerson
-          ? fmt::format("Whose {} the marked faces of {}?",
-                        affected_rows().size() == 1 ? "is" : "are", printable(person_))
-          : fmt::format("Who is group {}?", group_);
+          ? fmt::format("Move {} of {} to which person?",
+                        affected_rows().size() == 1 ? "the face" : "the faces", printable(person_))
+          : fmt::format("Name of group {}?", group_);
   const cv::Rect box(area.x + 10, area.y + area.height / 2 - 42, area.width - 20, 84);
   image::draw::fill_rounded(image, box, 8, kBackground, 0.95);
   cv::rectangle(image, box, kPale, 1);
@@ -201,7 +201,7 @@ void PeoplePanel::draw(cv::Mat& image, const cv::Rect& max_area) {
   image::draw::put_text(
       image, printable(*typed_) + "_", {box.x + 10, box.y + 28},
       {.height_px = 14, .backing = image::draw::Backing::kBox, .box_opacity = 0.9});
-  write(image, "Enter: yes   Up, Down: other names   Esc: no", {box.x + 8, box.br().y - 18}, 8,
+  write(image, "Enter: confirm   Up, Down: names   Esc: cancel", {box.x + 8, box.br().y - 18}, 8,
         kPale);
 }
 

@@ -169,7 +169,7 @@ TEST_F(PeoplePanelTest, MergesSplitsAndRestoresGroups) {
   EXPECT_THAT(kinds(), SizeIs(2));
   panel_->act("up");
   panel_->act("undo");
-  EXPECT_THAT(panel_->take_message(), HasSubstr("is undone"));
+  EXPECT_THAT(panel_->take_message(), HasSubstr("undone"));
   EXPECT_THAT(kinds(), SizeIs(3));
   EXPECT_EQ(gallery_->groups().size(), 1U);
 }
@@ -216,7 +216,7 @@ TEST_F(PeoplePanelTest, ForgetAsksForConfirmation) {
   panel_->act("forget");
   panel_->act("confirm");
   EXPECT_THAT(rows(), ElementsAre(2));
-  EXPECT_THAT(panel_->take_message(), HasSubstr("nothing is left"));
+  EXPECT_THAT(panel_->take_message(), HasSubstr("no copy is left"));
   panel_->act("people");
   panel_->act("forget");
   panel_->act("confirm");

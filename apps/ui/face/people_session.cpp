@@ -195,12 +195,12 @@ View PeopleSession::on_event(const Event& event) {
 
 std::vector<Action> PeopleSession::actions() const {
   std::vector<Action> all{{"add", "add a person", 'a'},
-                          {"delete", "delete all (asks)", 'd'},
+                          {"delete", "delete all people (asks)", 'd'},
                           {"confirm", "yes, delete", 'y'},
                           {"cancel", "no, keep them", 'n'},
-                          {"debug", "debug view", 'b'},
-                          {"train", "end collecting and train", 't'},
-                          {"not", "the largest face is not this person", 'x'},
+                          {"debug", "show the debug view", 'b'},
+                          {"train", "stop collecting and train", 't'},
+                          {"not", "reject the name of the largest face", 'x'},
                           {"undo", "undo the last correction", 'u'}};
   for (Action& action : PeoplePanel::actions()) all.push_back(std::move(action));
   return controls_.append_to(std::move(all));
@@ -214,7 +214,7 @@ void PeopleSession::act(const std::string& name) {
   }
   const bool was_confirming = std::exchange(is_confirming_, false);
   if (name == "confirm" && was_confirming) delete_all();
-  if (name == "cancel" && was_confirming) message_ = "nobody was deleted";
+  if (name == "cancel" && was_confirming) message_ = "no person was deleted";
   if (name == "add") add_person();
   if (name == "delete") {
     is_confirming_ = !people_.empty();
@@ -231,7 +231,7 @@ void PeopleSession::act(const std::string& name) {
 // The largest named face, or the one that would be named, is not that person.
 void PeopleSession::reject_name() {
   if (mode_ != PeopleMode::kRecognize || faces_.empty() || faces_.front().identity.label.empty()) {
-    message_ = "nobody is named: there is nothing to correct";
+    message_ = "no face is identified: nothing to correct";
     return;
   }
   face::IdentifiedFace& face = faces_.front();
@@ -240,7 +240,7 @@ void PeopleSession::reject_name() {
   try {
     corrections_.push_back(
         gallery_.not_this_person(face.identity.label, seen, source_name_, stamp()));
-    message_ = fmt::format("Not {}: noted (u takes it back)", printable(face.identity.label));
+    message_ = fmt::format("Not {}: recorded (u: undo)", printable(face.identity.label));
   } catch (const InputError& error) {  // forgotten meanwhile
     message_ = error.what();
   }
@@ -251,14 +251,14 @@ void PeopleSession::reject_name() {
 
 void PeopleSession::undo() {
   if (corrections_.empty()) {
-    message_ = "nothing was corrected in this window";
+    message_ = "this window has no correction to undo";
     return;
   }
   const std::int64_t id = corrections_.back();
   corrections_.pop_back();
   try {
     (void)gallery_.undo(id, stamp());
-    message_ = fmt::format("Correction {} is undone", id);
+    message_ = fmt::format("Correction {} undone", id);
   } catch (const InputError& error) {  // undone by another program, or the person was forgotten
     message_ = error.what();
   }
@@ -313,7 +313,7 @@ void PeopleSession::end_collecting() {
   collecting_ = -1;
   mode_ = PeopleMode::kDetect;
   if (gallery_.face_count_up_to(1) == 0) {
-    message_ = "no face was taken yet";
+    message_ = "no face was collected yet";
     return;
   }
   train();
@@ -333,13 +333,13 @@ void PeopleSession::delete_all() {
   if (!report) {
     message_ = "nobody is enrolled";
   } else if (report->proven()) {
-    message_ = fmt::format("all are deleted; {} files searched, nothing is left",
+    message_ = fmt::format("all people deleted; {} files searched, no copy is left",
                            report->search.files.size());
   } else if (!report->search.files_with_pieces.empty()) {
-    message_ = "all are deleted, but copies of faces are left: " +
+    message_ = "all people deleted, but copies of faces are left: " +
                printable(report->search.files_with_pieces.front());
   } else {
-    message_ = "all are deleted; that no copy is left could not be proven";
+    message_ = "all people deleted, but remaining copies cannot be ruled out";
   }
 }
 

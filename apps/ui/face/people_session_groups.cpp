@@ -41,7 +41,7 @@ void PeopleSession::start_grouping() {
   if (grouping_ || gallery_.ungrouped_count() == 0) return;
   const face::recognition::Background* background = identity_.background();
   if (background == nullptr || background->basis.rows() == 0) {
-    message_ = "groups need a background: people-background.json, which ships";
+    message_ = "grouping needs people-background.json, a shipped model";
     return;
   }
   grouping_.emplace(gallery_, *background, face::people::GroupingOptions{});
@@ -55,7 +55,7 @@ void PeopleSession::continue_grouping() {
   }
   const face::people::GroupingReport report = grouping_->report();
   grouping_.reset();
-  message_ = fmt::format("{} unknown face{} placed, {} new group{}", report.assigned,
+  message_ = fmt::format("{} unknown face{} grouped, {} new group{}", report.assigned,
                          report.assigned == 1 ? "" : "s", report.new_groups,
                          report.new_groups == 1 ? "" : "s");
   for (auto& [id, face] : tracked_unknowns_) face.frames_since_search = 0;
@@ -106,7 +106,7 @@ void PeopleSession::name_largest() {
   const auto unknown =
       std::find_if(groups_.begin(), groups_.end(), [](std::int64_t group) { return group > 0; });
   if (unknown == groups_.end()) {
-    message_ = "no unknown face of a group is seen: g places unknown faces into groups";
+    message_ = "no grouped unknown face in the image (g: group unknown faces)";
     return;
   }
   panel_.name_group(*unknown);

@@ -159,7 +159,7 @@ TEST_F(PeopleSessionTest, DeleteAllAsksForConfirmation) {
   view = session.on_event(click(session.button_box("confirm")));
   EXPECT_EQ(gallery.people().size(), 0U);
   EXPECT_EQ(view.state["people"].size(), 0U);
-  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("nothing is left"));
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("no copy is left"));
 }
 
 TEST_F(PeopleSessionTest, ReportsThatFisherfacesNeedsTwoPeople) {
@@ -216,8 +216,8 @@ TEST_F(PeopleSessionTest, PassesStagesToAWatchingSink) {
   EXPECT_TRUE(stages.names.empty());
   stages.watched = true;
   const View view = session.on_frame(frame(image, 1), live_);
-  EXPECT_THAT(stages.names, ::testing::ElementsAre("found", "aligned", "light taken out", "cut",
-                                                   "equalised", "smoothed", "masked"));
+  EXPECT_THAT(stages.names, ::testing::ElementsAre("found", "aligned", "illumination normalised",
+                                                   "cut", "equalised", "smoothed", "masked"));
   EXPECT_TRUE(stages.are_images);
   EXPECT_EQ(view.image.size(), plain.size());
 }
@@ -234,9 +234,9 @@ TEST_F(PeopleSessionTest, KeysCorrectANameAndUndoIt) {
   options.collect.check_quality = false;
   PeopleSession session(opened(gallery, nullptr, shipped_reader()), options);
   View view = session.on_event(key_event('x'));
-  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("nobody is named"));
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("no face is identified"));
   view = session.on_event(key_event('u'));
-  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("nothing was corrected"));
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("no correction"));
   (void)session.on_frame(frame(image, 0), live_);
   (void)session.on_event(key_event('a'));
   (void)session.on_frame(frame(image, 1), live_);
@@ -278,7 +278,7 @@ TEST_F(PeopleSessionTest, GroupsUnknownFacesAndNamesThem) {
   View view = session.on_frame(frame(image, 0), live_);
   EXPECT_TRUE(view.state["recognized"].at(0)["group"].is_null());
   view = session.on_event(key_event('w'));
-  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("no unknown face"));
+  EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("no grouped unknown face"));
   // The host keeps who was seen.
   const face::people::Face& seen = session.faces().at(0).face;
   const face::people::SightingFace kept{seen.crop.clone(), seen.quality.score(), "{}"};

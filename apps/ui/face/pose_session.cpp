@@ -66,7 +66,7 @@ bool PoseSession::act(const std::string& name) {
 }
 
 std::vector<Action> PoseSession::own_actions() const {
-  return {{"redetect", "look for faces again", 'd'}, {"draw", "what is drawn", 'v'}};
+  return {{"redetect", "detect faces again", 'd'}, {"draw", "choose the overlay", 'v'}};
 }
 
 void PoseSession::draw_object(cv::Mat& image, const face::PosedFace& face) const {

@@ -87,17 +87,17 @@ bool ArSession::act(const std::string& name) {
 }
 
 std::vector<Action> ArSession::own_actions() const {
-  std::vector<Action> actions{{"axes", "axes", 'a'},
-                              {"cube", "a cube", 'c'},
-                              {"none", "nothing on them", 'n'},
-                              {"outlines", "outlines and ids", 'i'},
-                              {"shadow", "shadows", 'e'},
-                              {"smooth", "smoothing", 's'},
-                              {"list", "list with distances", 'l'},
-                              {"family", "next family", 'f'},
+  std::vector<Action> actions{{"axes", "draw axes", 'a'},
+                              {"cube", "draw a cube", 'c'},
+                              {"none", "draw no object", 'n'},
+                              {"outlines", "show outlines and ids", 'i'},
+                              {"shadow", "shadows on or off", 'e'},
+                              {"smooth", "smoothing on or off", 's'},
+                              {"list", "list markers with distances", 'l'},
+                              {"family", "next marker family", 'f'},
                               {"save", "save the image", 'w'}};
   if (options_.augment.mesh != nullptr)
-    actions.insert(actions.begin() + 3, {"mesh", "the mesh", 'm'});
+    actions.insert(actions.begin() + 3, {"mesh", "draw the mesh", 'm'});
   return actions;
 }
 

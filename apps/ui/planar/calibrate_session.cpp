@@ -29,21 +29,21 @@ const cv::Scalar kPlain(235, 235, 235);
 std::string words_of(ViewDecision decision) {
   switch (decision) {
     case ViewDecision::kAccepted:
-      return "taken";
+      return "view accepted";
     case ViewDecision::kReplaced:
-      return "taken: sharper than before";
+      return "accepted: sharper than before";
     case ViewDecision::kNoBoard:
-      return "no board seen";
+      return "no board detected";
     case ViewDecision::kMoving:
       return "hold the board still";
     case ViewDecision::kBlurred:
-      return "blurred: more light, or hold still";
+      return "blurred: add light or hold still";
     case ViewDecision::kTooSimilar:
-      return "seen before: move on";
+      return "too similar: move the board";
     case ViewDecision::kFull:
       break;
   }
-  return "that is enough: q ends";
+  return "enough views: q to quit";
 }
 
 }  // namespace
@@ -99,9 +99,12 @@ bool CalibrateSession::act(const std::string& name) {
 }
 
 std::vector<Action> CalibrateSession::own_actions() const {
-  return {{"take", "take this view now", key::kSpace}, {"undo", "forget the last view", 'z'},
-          {"restart", "forget all views", 'x'},        {"calibrate", "calibrate now", 'c'},
-          {"straight", "the straightened image", 'u'}, {"coverage", "what is covered", 'm'}};
+  return {{"take", "accept this view now", key::kSpace},
+          {"undo", "remove the last view", 'z'},
+          {"restart", "remove all views", 'x'},
+          {"calibrate", "calibrate now", 'c'},
+          {"straight", "show the undistorted image", 'u'},
+          {"coverage", "show the coverage", 'm'}};
 }
 
 // The next thing to do, in one line.
@@ -109,7 +112,7 @@ std::string CalibrateSession::advice() const {
   if (coverage() == nullptr) return "";
   const std::vector<std::string> missing = coverage()->missing();
   if (!missing.empty()) return "show: " + missing.front();
-  return "enough: q ends";
+  return "enough: q to quit";
 }
 
 void CalibrateSession::draw(cv::Mat& image) {
@@ -122,7 +125,7 @@ void CalibrateSession::draw(cv::Mat& image) {
       image = (*undistorter_)(frame());
     } catch (const Error&) {  // a distortion that cannot be inverted at the border
       shows_undistorted_ = false;
-      view_status_ = "cannot be straightened";
+      view_status_ = "cannot be undistorted";
     }
   } else {
     if (shows_coverage_ && coverage() != nullptr) draw_coverage(image, *coverage(), kCoverageTint);
@@ -138,7 +141,7 @@ void CalibrateSession::draw_shown(cv::Mat& image) {
   }
   if (!draws_status()) return;
   std::string line =
-      shows_undistorted_ ? "straightened: lines of the world are straight" : view_status_;
+      shows_undistorted_ ? "undistorted: straight lines appear straight" : view_status_;
   for (const ViewDecision decision :
        {ViewDecision::kAccepted, ViewDecision::kReplaced, ViewDecision::kNoBoard,
         ViewDecision::kMoving, ViewDecision::kBlurred, ViewDecision::kTooSimilar,
@@ -148,7 +151,7 @@ void CalibrateSession::draw_shown(cv::Mat& image) {
       break;
     }
   }
-  if (accepted && !shows_undistorted_) line = fmt::format("view {} taken", state_.views.size());
+  if (accepted && !shows_undistorted_) line = fmt::format("view {} accepted", state_.views.size());
   image::draw::TextStyle style;
   style.color = shows_undistorted_     ? kPlain
                 : accepted             ? kGood

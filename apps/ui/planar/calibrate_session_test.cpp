@@ -81,7 +81,7 @@ TEST(CalibrateSessionTest, AcceptsViewsAndCalibratesByItself) {
     for (const int count : row) covered += count > 0 ? 1 : 0;
   }
   EXPECT_NEAR(covered / 48.0, steps.back().state["coverage"].get<double>(), 1e-3);
-  // The straightened image, then the help over it.
+  // The undistorted image, then the help over it.
   for (const ScriptStep& step : steps)
     if (step.frame == 116 && step.cause == "frame") {
       EXPECT_EQ(step.state["straight"], true);

@@ -49,7 +49,7 @@ void line(cv::Mat& image, const cv::Point2d& a, const cv::Point2d& b, const cv::
 void TargetSessionOptions::check() const { train.check(); }
 
 TargetSession::TargetSession(planar::TargetTracker tracker, TargetSessionOptions options)
-    : FrameSession("Images as targets"),
+    : FrameSession("Image targets"),
       tracker_(std::move(tracker)),
       initial_target_count_(tracker_.targets().size()),
       options_(std::move(options)) {
@@ -72,7 +72,7 @@ bool TargetSession::act(const std::string& name) {
     return train({size.width / 4, size.height / 4, size.width / 2, size.height / 2});
   if (name == "forget") {
     std::vector<planar::image_targets::Target> targets = tracker_.targets();
-    message_ = fmt::format("{} forgotten", targets.size() - initial_target_count_);
+    message_ = fmt::format("targets deleted: {}", targets.size() - initial_target_count_);
     targets.resize(initial_target_count_);
     change(std::move(targets));
     std::erase_if(result_.tracked,
@@ -98,7 +98,7 @@ bool TargetSession::train(cv::Rect box) {
   box &= cv::Rect(0, 0, frame().cols, frame().rows);
   if (std::min(box.width, box.height) < kMinSide ||
       std::min(box.width, box.height) * 8 < std::max(box.width, box.height)) {
-    message_ = fmt::format("frame at least {0} x {0} px, and no thin strip", kMinSide);
+    message_ = fmt::format("drag a box of at least {0} x {0} px, not a thin strip", kMinSide);
     return false;
   }
   const std::string name =
@@ -107,7 +107,8 @@ bool TargetSession::train(cv::Rect box) {
       planar::image_targets::train_target(frame()(box), name, options_.train);
   const planar::image_targets::Quality& quality = trained.quality;
   if (quality.rating < 0.15) {
-    message_ = "not trained: " + (quality.reasons.empty() ? "a poor image" : quality.reasons[0]);
+    message_ =
+        "not trained: " + (quality.reasons.empty() ? "unsuitable image" : quality.reasons[0]);
     return false;
   }
   message_ = fmt::format("{} trained, rating {:.2f}", name, quality.rating);
@@ -119,10 +120,10 @@ bool TargetSession::train(cv::Rect box) {
 }
 
 std::vector<Action> TargetSession::own_actions() const {
-  return {{"train", "train the middle of the image (or draw a frame with the mouse)", 't'},
-          {"redetect", "look for all again", 'd'},
-          {"forget", "forget what was trained here", 'c'},
-          {"overlay", "what is drawn", 'v'}};
+  return {{"train", "train the centre of the image (or drag a box with the mouse)", 't'},
+          {"redetect", "detect all targets again", 'd'},
+          {"forget", "delete the targets trained here", 'c'},
+          {"overlay", "choose the overlay", 'v'}};
 }
 
 void TargetSession::draw_target(cv::Mat& image,

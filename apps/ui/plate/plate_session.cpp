@@ -68,7 +68,7 @@ bool PlateSession::act(const std::string& name) {
 }
 
 std::vector<Action> PlateSession::own_actions() const {
-  return {{"characters", "boxes around characters", 'c'}};
+  return {{"characters", "show character boxes", 'c'}};
 }
 
 void PlateSession::finish() {

@@ -94,18 +94,18 @@ bool SfmSession::mouse(const Event& event) {
 }
 
 std::vector<Action> SfmSession::own_actions() const {
-  return {{"left", "turn left", key::kLeft},
-          {"right", "turn right", key::kRight},
-          {"up", "look from higher", key::kUp},
-          {"down", "look from lower", key::kDown},
-          {"nearer", "nearer", '+'},
-          {"farther", "farther", '-'},
-          {"reset", "the first view", '0'},
-          {"adjust", "adjust all of the model", 'r'}};
+  return {{"left", "rotate left", key::kLeft},
+          {"right", "rotate right", key::kRight},
+          {"up", "raise the viewpoint", key::kUp},
+          {"down", "lower the viewpoint", key::kDown},
+          {"nearer", "zoom in", '+'},
+          {"farther", "zoom out", '-'},
+          {"reset", "reset the view", '0'},
+          {"adjust", "refine the whole model", 'r'}};
 }
 
 std::vector<image::draw::HelpLine> SfmSession::help_lines() const {
-  return {{"arrows", "turn the cloud, as a dragged mouse does"}};
+  return {{"arrows", "rotate the points, like dragging the mouse"}};
 }
 
 View SfmSession::finish() {

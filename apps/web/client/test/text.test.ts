@@ -46,7 +46,7 @@ test('figures with their units, actions with their titles', () => {
   assert.equal(withUnit('fps'), 'fps');
   assert.equal(withUnit('mean_px'), 'mean, px');
   assert.equal(withUnit('faces'), 'faces');
-  assert.equal(actionTitle({ name: 'go-on', help: 'it is right, go on' }), 'It is right, go on');
+  assert.equal(actionTitle({ name: 'go-on', help: 'confirm and continue' }), 'Confirm and continue');
   assert.equal(actionTitle({ name: 'go-on', help: '' }), 'Go on');
   assert.equal(actionTitle({ name: 'next', help: 'next patch (right arrow, space)' }), 'Next patch');
 });

@@ -28,7 +28,7 @@ std::string Collector::offer(const Face& face, double time, bool video) {
   if (video && !last_.empty()) {
     if (time - last_time_ < options_.min_seconds) return rejected("too soon");
     if (face_difference(prepared, last_) <= options_.min_difference)
-      return rejected("too much like the last");
+      return rejected("too similar to the last");
   }
   last_ = prepared;
   last_time_ = time;

@@ -32,7 +32,7 @@ class Collector {
  public:
   explicit Collector(const CollectOptions& options = {});
   // Returns an empty text if the face is accepted, otherwise the reason ("blurred", "too soon",
-  // "too much like the last"). `video`: frames are consecutive; `time` in s.
+  // "too similar to the last"). `video`: frames are consecutive; `time` in s.
   std::string offer(const Face& face, double time, bool video);
   // Counts an image that gave no face to offer, with the reason.
   void reject(const std::string& reason) { ++rejected_[reason]; }

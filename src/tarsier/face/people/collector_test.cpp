@@ -23,7 +23,7 @@ TEST(CollectorTest, VideoFacesMustDifferInTimeAndContent) {
   Collector collector;
   EXPECT_EQ(collector.offer(face(1), 0, true), "");
   EXPECT_EQ(collector.offer(face(2), 0.5, true), "too soon");
-  EXPECT_EQ(collector.offer(face(1), 1.5, true), "too much like the last");
+  EXPECT_EQ(collector.offer(face(1), 1.5, true), "too similar to the last");
   EXPECT_EQ(collector.offer(face(2), 1.6, true), "");
   EXPECT_EQ(collector.accepted(), 2);
   EXPECT_EQ(collector.rejected().at("too soon"), 1);

@@ -42,7 +42,8 @@ void show_stages(DebugSink& debug, const cv::Mat& gray, const Face& face,
     cv::circle(image, eye, radius, cv::Scalar(255, 200, 0), 1, cv::LINE_AA);
   debug.image("found", image);
   debug.image("aligned", face.crop);
-  debug.image("light taken out", recognition::light_image(recognition::tan_triggs(face.crop)));
+  debug.image("illumination normalised",
+              recognition::light_image(recognition::tan_triggs(face.crop)));
   (void)classical_face(face.crop, crop_options, {}, &debug);
 }
 

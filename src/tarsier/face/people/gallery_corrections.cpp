@@ -65,10 +65,10 @@ std::string text_of(const Correction& entry) {
   if (entry.kind == "name") what = fmt::format("{} is {}", from, to);
   if (entry.kind == "not") what = fmt::format("not {}", from);
   if (entry.kind == "move") what = fmt::format("moved from {} to {}", from, to);
-  if (entry.kind == "split") what = fmt::format("split off {}: {}", from, to);
-  if (entry.kind == "merge") what = fmt::format("{} is {}: merged", from, to);
-  if (entry.kind == "merge groups") what = fmt::format("{} merged into {}", from, to);
-  if (entry.kind == "split group") what = fmt::format("split off {}: {}", from, to);
+  if (entry.kind == "split" || entry.kind == "split group")
+    what = fmt::format("split off from {} as {}", from, to);
+  if (entry.kind == "merge" || entry.kind == "merge groups")
+    what = fmt::format("{} merged into {}", from, to);
   if (entry.kind == "undo") what = fmt::format("undid {}", entry.undoes);
   if (entry.count > 0) what += fmt::format(" ({})", entry.count);
   if (entry.undone > 0) what += fmt::format(", undone by {}", entry.undone);

@@ -78,7 +78,7 @@ TEST(CoverageTest, ReportsMissingRegionsAndTilts) {
   Coverage coverage = coverage_of({view({0.2, 0.2}, {0, 0, 0})}, spec, {640, 480});
   EXPECT_EQ(coverage.views, 1);
   EXPECT_THAT(coverage.missing(), Contains("the bottom right of the image"));
-  EXPECT_THAT(coverage.missing(), Contains("the board's left edge nearer"));
+  EXPECT_THAT(coverage.missing(), Contains("the board, left edge closer"));
   EXPECT_THAT(coverage.missing(), Not(Contains("the top left of the image")));
   // The same view again gives no new coverage; another position or tilt does.
   EXPECT_EQ(coverage.gain(view({0.2, 0.2}, {0, 0, 0}), spec), 0);

@@ -19,8 +19,8 @@ constexpr std::array<const char*, 9> kRegionNames{
     "the top left", "the top",         "the top right", "the left",        "the middle",
     "the right",    "the bottom left", "the bottom",    "the bottom right"};
 constexpr std::array<const char*, 4> kTilts{
-    "the board's left edge nearer", "the board's right edge nearer", "the board's top edge nearer",
-    "the board's bottom edge nearer"};
+    "the board, left edge closer", "the board, right edge closer", "the board, top edge closer",
+    "the board, bottom edge closer"};
 
 // Cells whose centre lies inside the points' convex hull, and cells that contain a point.
 std::array<bool, kCoverageColumns * kCoverageRows> cells_of(const BoardView& view, cv::Size size) {

@@ -28,7 +28,7 @@ struct Coverage {
 
   [[nodiscard]] double share() const;  // share of cells that a view touches, 0..1
   // What further views should show, in words, most useful first: "the top left of the image", "the
-  // board's left edge nearer". Empty if the coverage is sufficient: every ninth of the image at
+  // board, left edge closer". Empty if the coverage is sufficient: every ninth of the image at
   // least half covered, all four tilts, 8 views.
   [[nodiscard]] std::vector<std::string> missing() const;
   // Share of new cells and tilts in a further view, 0..1.

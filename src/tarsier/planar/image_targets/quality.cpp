@@ -122,19 +122,19 @@ Quality rate_target(const Target& target, int trials, std::uint64_t seed,
   q.rating = q.repeatability * std::sqrt(std::min({q.features, q.spread, q.distinct}));
   if (q.features < 0.5)
     q.reasons.push_back(
-        fmt::format("few features: {} places that stand tilt, blur and noise, {} "
+        fmt::format("few features: {} are robust to tilt, blur and noise, {} "
                     "are enough; choose an image with more detail and contrast",
                     robust_features, kGoodFeatureCount));
   if (q.spread < 0.6)
     q.reasons.push_back(
-        fmt::format("bunched: {:.0f} % of the image has none",
+        fmt::format("clustered features: {:.0f} % of the image has none",
                     100 - 100.0 * cv::countNonZero(count) / static_cast<double>(count.total())));
   if (q.distinct < 0.5)
-    q.reasons.push_back(fmt::format("repetitive: {:.0f} % of the features look like another place",
+    q.reasons.push_back(fmt::format("repetitive: {:.0f} % of the features resemble another one",
                                     100 * (1 - q.distinct)));
   if (q.repeatability < 0.7)
     q.reasons.push_back(
-        fmt::format("hard to find: in {:.0f} % of the trials", 100 * q.repeatability));
+        fmt::format("hard to detect: detected in {:.0f} % of the trials", 100 * q.repeatability));
   return q;
 }
 

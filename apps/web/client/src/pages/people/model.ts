@@ -132,10 +132,10 @@ export function correctionText(one: Correction): string {
       return `moved from ${one.from} to ${one.to}${done}`;
     case 'split':
     case 'split group':
-      return `split off ${one.from}: ${one.to}${done}`;
+      return `split off from ${one.from} as ${one.to}${done}`;
     case 'merge':
     case 'merge groups':
-      return `${one.from} is part of ${one.to}${done}`;
+      return `${one.from} merged into ${one.to}${done}`;
     case 'undo':
       return `undid ${one.undoes}`;
     default:
