@@ -86,7 +86,7 @@ echo 'nonsense' >>killed.yaml.journal
 echo '{}' >>killed.yaml.journal
 annotate images -o killed.yaml --actions - </dev/null
 expect_status 3
-expect_error 'killed.yaml.journal: line [0-9]+ is broken'
+expect_error 'killed.yaml.journal: line [0-9]+ is damaged'
 rm killed.yaml.journal
 
 # --- two at once, no display, nothing to annotate ---
