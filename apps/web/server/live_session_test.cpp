@@ -256,12 +256,16 @@ TEST(LiveStream, ASlowViewerGetsALowerQuality) {
   StreamSlots slots(1);
   ClockTime time{};
   {
-    const auto stream = make_live_stream(slots.take(""), std::make_shared<Waker>(), {},
-                                         {{session, 640}}, nullptr, [&] { return time; });
+    const auto waker = std::make_shared<Waker>();
+    const auto stream = make_live_stream(slots.take(""), waker, {}, {{session, 640}}, nullptr,
+                                         [&] { return time; });
     std::vector<char> buffer(1 << 16);
     const auto until = [&](milliseconds spent, const std::function<bool()>& condition) {
-      for (int i = 0; i < 60 && !condition(); ++i) {
-        if (stream->read(buffer, sockets[0]) > 0) time += spent;
+      for (int i = 0; i < 600 && !condition(); ++i) {
+        if (stream->read(buffer, sockets[0]) > 0)
+          time += spent;
+        else
+          waker->wait(milliseconds(20));
       }
       EXPECT_TRUE(condition());
     };
@@ -269,7 +273,10 @@ TEST(LiveStream, ASlowViewerGetsALowerQuality) {
           [&] { return session->quality() == JpegQualityControl::kMinQuality; });
     until(milliseconds(1), [&] { return session->quality() == JpegQualityControl::kMaxQuality; });
     const auto lines = [&] { return requested_settings(*session); };
-    until(milliseconds(1), [&] { return lines().find("{\"quality\":80}") != std::string::npos; });
+    // The child answers when it gets the processor.
+    for (int i = 0; i < 200 && lines().find("{\"quality\":80}") == std::string::npos; ++i)
+      waker->wait(milliseconds(20));
+    EXPECT_THAT(lines(), testing::HasSubstr("{\"quality\":80}"));
     EXPECT_THAT(lines(), testing::StartsWith("{\"max_width\":640} {\"quality\":30} "));
   }
   ::close(sockets[0]);
