@@ -40,7 +40,7 @@ TARSIER_FUZZ_TARGET(plate_country, kBytes) {
 
 TARSIER_FUZZ_TARGET(symbol_labels, kBytes) {
   for (const SymbolLabel& label : parse_symbol_labels(text_of(input), "plate.txt")) {
-    expect(label.class_id >= 0 && label.class_id < kBlank, "a class that is none");
+    expect(label.class_id >= 0 && label.class_id < kBlank, "a class out of range");
     expect(std::abs(label.x) < 2 && std::abs(label.y) < 2, "a box far away");
     expect(label.w > 0 && label.w < 2 && label.h > 0 && label.h < 2, "a box of no size");
   }

@@ -47,9 +47,9 @@ void write_colmap_database(const std::string& path, const ColmapDatabase& databa
 
 // Reads images sorted by name and pairs by image; for keypoints positions and sizes, and pairs with
 // at least 1 match. Descriptors other than SIFT (COLMAP 4) are left out with a warning; their
-// features have the matches of the database only. Throws InputError with the fault: missing tables, blobs whose size differs from
-// rows and columns, numbers that are not finite, unknown ids, matches of non-existing features, a
-// camera model that geometry/colmap_camera.h does not know.
+// features have the matches of the database only. Throws InputError with the fault: missing tables,
+// blobs whose size differs from rows and columns, numbers that are not finite, unknown ids, matches
+// of non-existing features, a camera model that geometry/colmap_camera.h does not know.
 [[nodiscard]] ColmapDatabase read_colmap_database(const std::string& path);
 
 }  // namespace tarsier::sfm

@@ -123,7 +123,7 @@ std::string Reconstructor::frames_folder() const {
 void Reconstructor::check_outputs() const {
   if (!options_.folder.empty()) {
     make_folder(options_.folder);
-    // Files of a model that no run of this program left without a report.
+    // A run of this program leaves these files only beside a report: they would be lost.
     const bool has_report = fs::exists(fs::path(options_.folder) / "report.json");
     for (const char* name : {"cameras.bin", "rigs.txt", "frames.txt"})
       if (!has_report && fs::exists(fs::path(options_.folder) / name))
@@ -247,6 +247,7 @@ void Reconstructor::write_models(ReconstructorResult& result,
   }
   const auto folder_of = [&](std::size_t m) { return model_folder(folder, static_cast<int>(m)); };
   for (std::size_t m = 0; m < models.size(); ++m) {
+    remove_replaced_files(folder_of(m));
     if (m > 0) begin_model_folder(folder, static_cast<int>(m));
     write_model(folder_of(m), models[m]);
   }

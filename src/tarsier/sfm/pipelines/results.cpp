@@ -161,6 +161,18 @@ void begin_model_folder(const std::string& folder, int model) {
   write_file_atomically((fs::path(path) / "report.json").string(), report.dump(1) + "\n");
 }
 
+void remove_replaced_files(const std::string& folder) {
+  const fs::path path(folder);
+  std::error_code error;
+  if (!fs::exists(path / "report.json", error)) return;
+  for (const char* name : {"cameras.bin", "images.bin", "points3D.bin", "rigs.bin", "frames.bin",
+                           "rigs.txt", "frames.txt"}) {
+    remove_file(path / name);
+    if (fs::exists(path / name, error))
+      throw OutputError((path / name).string(), "it is of an earlier model and cannot be removed");
+  }
+}
+
 int remove_old_models(const std::string& folder, int first,
                       const std::optional<EarlierRun>& earlier) {
   int removed = 0;

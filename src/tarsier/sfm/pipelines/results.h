@@ -37,6 +37,12 @@ struct EarlierRun {
 // OutputError.
 void begin_model_folder(const std::string& folder, int model);
 
+// Removes the binary model, the rigs and the frames of an earlier run from a model folder that has a
+// report.json. COLMAP prefers them to text, so beside a new text model it would read the old one.
+// Without a report.json nothing is removed: then the files are not of this program. Throws
+// OutputError.
+void remove_replaced_files(const std::string& folder);
+
 // Removes the models `first` (1 or more) and above of an earlier run. A folder model-K is affected
 // where `earlier` has that model or its own report.json says so. Only the files that a run writes
 // are removed, then the folder if it is empty. Other files and folders stay. Returns the number of

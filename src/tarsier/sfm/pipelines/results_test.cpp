@@ -76,6 +76,19 @@ TEST_F(Results, ImagesAreFoundByTheirFolderOrTheReport) {
   EXPECT_THROW((void)image_files(folder_, folder_ + "/elsewhere", {"b.jpg"}), InputError);
 }
 
+TEST_F(Results, ReplacedFilesOfOtherProgramsAreKept) {
+  const std::vector<std::string> names{"cameras.bin", "images.bin", "points3D.bin", "rigs.bin",
+                                       "frames.bin",  "rigs.txt",   "frames.txt"};
+  for (const std::string& name : names) write(name, "earlier");
+  write("points.ply", "ply");
+  remove_replaced_files(folder_);
+  for (const std::string& name : names) EXPECT_TRUE(has(name)) << name;
+  write_report(1);
+  remove_replaced_files(folder_);
+  for (const std::string& name : names) EXPECT_FALSE(has(name)) << name;
+  EXPECT_TRUE(has("points.ply"));
+}
+
 TEST_F(Results, ModelsOfAnEarlierRunAreRemoved) {
   write_report(4);
   for (const char* name : {"model-1", "model-2", "model-3"}) write_model(name);

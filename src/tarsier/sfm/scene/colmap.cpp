@@ -392,13 +392,6 @@ class ModelReader {
   std::vector<std::vector<std::int64_t>> point_ids_;  // per feature; -1: none, or used
 };
 
-void remove_model_file(const fs::path& path) {
-  std::error_code error;
-  if (!fs::is_regular_file(fs::symlink_status(path, error))) return;
-  if (!fs::remove(path, error) || error)
-    throw OutputError(path.string(), "it belongs to an earlier model and cannot be removed");
-}
-
 }  // namespace
 
 void check_model(const Model& model) {
@@ -450,10 +443,6 @@ void write_colmap(const std::string& folder, const Model& model) {
   cameras.commit();
   write_images((fs::path(folder) / "images.txt").string(), model, camera_ids);
   write_points((fs::path(folder) / "points3D.txt").string(), model);
-  // Of an earlier model; COLMAP would read them in place of the text.
-  for (const char* name : {"cameras.bin", "images.bin", "points3D.bin"})
-    remove_model_file(fs::path(folder) / name);
-  remove_colmap_frames(folder);
 }
 
 Model read_colmap(const std::string& folder) {
@@ -469,11 +458,6 @@ Model read_colmap_poses(const std::string& folder) {
     image.points.clear();
   }
   return model;
-}
-
-void remove_colmap_frames(const std::string& folder) {
-  for (const char* name : {"rigs.txt", "frames.txt", "rigs.bin", "frames.bin"})
-    remove_model_file(fs::path(folder) / name);
 }
 
 std::string image_name_error(std::string_view name) {

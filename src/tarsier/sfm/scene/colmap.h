@@ -17,8 +17,7 @@ namespace tarsier::sfm {
 // file is written completely or not at all. Throws OutputError, also for an image name that cannot
 // stand in a line; std::invalid_argument for an inconsistent model (an index out of range, a track
 // with fewer than two observations or of an unregistered image, a feature that does not refer to
-// the point of its track, numbers that are not finite). Binary files and frames of an earlier model
-// in the folder are removed, because COLMAP would read them in place of the new ones.
+// the point of its track, numbers that are not finite).
 void write_colmap(const std::string& folder, const Model& model);
 
 // Reads what write_colmap() or COLMAP wrote, in the order of the files. Where only binary files
@@ -37,10 +36,5 @@ void write_colmap(const std::string& folder, const Model& model);
 // Why an image name is invalid in a model, or "": it is empty, has control characters, or leads out
 // of the folder of images.
 [[nodiscard]] std::string image_name_error(std::string_view name);
-
-// Removes the rigs and frames (rigs.txt, frames.txt, rigs.bin, frames.bin) that COLMAP 3.12 and
-// later write beside a model. They repeat the poses; without them, COLMAP makes them from the
-// images. Throws OutputError where a file cannot be removed.
-void remove_colmap_frames(const std::string& folder);
 
 }  // namespace tarsier::sfm

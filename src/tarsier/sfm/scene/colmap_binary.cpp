@@ -297,7 +297,6 @@ void write_colmap_binary(const std::string& folder, const Model& model) {
   camera_file.commit();
   image_file.commit();
   point_file.commit();
-  remove_colmap_frames(folder);
 }
 
 Model read_colmap_binary(const std::string& folder) { return BinaryModel().read(folder); }

@@ -45,34 +45,6 @@ void expect_same(const Model& a, const Model& b) {
   }
 }
 
-// COLMAP prefers binary files to text, and the poses of frames to those of images.
-TEST(ColmapBinary, WritingRemovesFilesOfAnEarlierModel) {
-  const TemporaryFolder folder;
-  const std::vector<std::string> frames{"rigs.txt", "frames.txt", "rigs.bin", "frames.bin"};
-  const auto leave = [&](const std::vector<std::string>& names) {
-    for (const std::string& name : names) write_file_atomically(folder / name, "earlier");
-  };
-  const auto are_gone = [&](const std::vector<std::string>& names) {
-    for (const std::string& name : names)
-      if (std::filesystem::exists(folder / name)) return false;
-    return true;
-  };
-  const std::vector<std::string> binary{"cameras.bin", "images.bin", "points3D.bin"};
-  leave(frames);
-  leave(binary);
-  leave({"points.ply"});
-  write_colmap(folder.path(), synthetic_model());
-  EXPECT_TRUE(are_gone(frames));
-  EXPECT_TRUE(are_gone(binary));
-  EXPECT_FALSE(are_gone({"points.ply"}));
-
-  leave(frames);
-  write_colmap_binary(folder.path(), synthetic_model());
-  EXPECT_TRUE(are_gone(frames));
-  EXPECT_TRUE(std::filesystem::exists(folder / "cameras.bin"));
-  EXPECT_TRUE(std::filesystem::exists(folder / "cameras.txt"));
-}
-
 TEST(ColmapBinary, HasTheSameModelAsTheText) {
   const TemporaryFolder folder;
   const Model model = synthetic_model();
