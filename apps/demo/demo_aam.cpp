@@ -74,8 +74,7 @@ std::vector<DemoImage> fit_sequence(DemoPage& page, const face::appearance::Appe
   const face::appearance::Synthesis synthesis(model);
   const face::appearance::TextureFit seen = synthesis.fit_texture(image, fit.points);
   synthesis.draw(seen.c, seen.offset, seen.gain, fit.points, made);
-  strip.push_back(
-      page.image("aam-fit-made", cropped(made, truth.points), "what the model makes of it"));
+  strip.push_back(page.image("aam-fit-made", cropped(made, truth.points), "the fitted model"));
   return strip;
 }
 
@@ -85,18 +84,18 @@ void demo_aam(Context& context, DemoPage& page) {
   const face::appearance::AppearanceModel model =
       face::appearance::read_appearance_model(shipped_appearance_model());
   const synth::FaceSynth faces(model, read_head(""));
-  page.begin_area("A model of what faces look like",
-                  "An active appearance model, learnt from a thousand faces: shape and look, each "
-                  "by its modes. Every face here is the model's own: nobody has it.");
+  page.begin_area("Active appearance model of faces",
+                  "An active appearance model describes shape and texture by a few modes each. It "
+                  "was trained on a thousand faces. Every face here is synthetic.");
   page.command("tarsier aam explore --grid modes.png");
   page.grid({page.image("aam-grid", face::appearance::draw_mode_grid(model, 3, 120, context.seed),
-                        "three modes of shape and three of look, at -3 .. 3 standard deviations; "
-                        "below, random faces")});
+                        "three shape modes and three texture modes, at -3 to 3 standard "
+                        "deviations; below, random faces")});
   throw_if_stopped(context.stop);
-  page.heading("Fitting it",
-               "From a start that is off: each step warps the image back to the mean face and "
-               "asks which parameters explain what is left. A drawn head, whose true points are "
-               "known.");
+  page.heading("Fitting",
+               "The fit starts at a wrong position. Each step warps the image to the mean shape "
+               "and updates the parameters by the remaining difference. The head is rendered, so "
+               "that its ground truth is known.");
   page.command(
       "tarsier pose synth --count 1 -o heads && tarsier aam fit heads/images/0000.png -o "
       "fitted.png");
@@ -135,17 +134,18 @@ void demo_turning_head(Context& context, DemoPage& page) {
   }
   const std::string file = page.path_of("pose-turning.gif");
   sfm::write_gif(file, frames, 12);
-  page.heading("A head that turns",
-               "Drawn with a known pose; the axes are what is found from the image alone.");
+  page.heading(
+      "A rotating head",
+      "The head is rendered with a known pose. The axes show the pose estimated from the image.");
   page.command(
       "tarsier pose synth --video --count 36 -o head && tarsier pose track head/images "
       "--sequence -o posed");
-  page.grid({DemoImage{"img/pose-turning.gif",
-                       posed > 0 ? fmt::format("found in {} of {} frames, {:.1f} degrees from "
-                                               "the truth on average",
-                                               posed, kFrameCount, error / posed)
-                                 : std::string("not found"),
-                       360, 360}});
+  page.grid(
+      {DemoImage{"img/pose-turning.gif",
+                 posed > 0 ? fmt::format("found in {} of {} frames, mean error {:.1f} degrees",
+                                         posed, kFrameCount, error / posed)
+                           : std::string("not found"),
+                 360, 360}});
 }
 
 }  // namespace tarsier::cli

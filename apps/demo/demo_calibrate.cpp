@@ -50,16 +50,16 @@ void add_table(DemoPage& page, const Calibration& calibration, const std::vector
                                     fmt::format("{:.{}f}", deviation, digits)};
   };
   page.table(
-      {"number", "value", "one deviation"},
+      {"number", "value", "standard deviation"},
       {row("fx, px", c.fx, d.fx, 2), row("fy, px", c.fy, d.fy, 2), row("cx, px", c.cx, d.cx, 2),
        row("cy, px", c.cy, d.cy, 2), row("k1", c.distortion[0], d.distortion[0], 4),
        row("k2", c.distortion[1], d.distortion[1], 4),
        row("p1", c.distortion[2], d.distortion[2], 5),
        row("p2", c.distortion[3], d.distortion[3], 5),
        row("k3", c.distortion[4], d.distortion[4], 4)},
-      fmt::format("The camera, from {} of {} images: corners are {:.2f} px (rms) from where "
-                  "it says they are.",
-                  calibration.used, images.size(), c.rms));
+      fmt::format(
+          "The camera, estimated from {} of {} images. The reprojection error is {:.2f} px (RMS).",
+          calibration.used, images.size(), c.rms));
 }
 
 }  // namespace
@@ -68,9 +68,9 @@ void demo_calibrate(Context& context, DemoPage& page) {
   const planar::calibration::BoardSpec spec = planar::calibration::parse_board("chess:9x6", 0.025);
   const std::vector<Shot> images = shots(spec);
   context.progress->begin("calibrate", static_cast<std::int64_t>(images.size()), "images");
-  page.begin_area("Calibrating a camera",
-                  "Images of a printed board tell what a camera does to light: its focal length, "
-                  "its middle, and how its lens bends straight lines.");
+  page.begin_area("Camera calibration",
+                  "Images of a printed board determine the focal length, the principal point and "
+                  "the lens distortion of a camera.");
   planar::CalibratorOptions options;
   options.board = spec;
   const auto calibrator = planar::Calibrator::load(options);
@@ -105,9 +105,9 @@ void demo_calibrate(Context& context, DemoPage& page) {
   const std::size_t view = result.images[max_tilt_index].view;
   const cv::Mat& image = images[max_tilt_index].image;
   page.compare(
-      page.image("calibrate-bent", image, "as the camera took it"),
+      page.image("calibrate-bent", image, "original image"),
       page.image("calibrate-straight",
-                 geometry::undistort_image(image, calibration.camera, straight), "straightened"));
+                 geometry::undistort_image(image, calibration.camera, straight), "undistorted"));
   page.command(
       "tarsier calibrate images/ --board chess:9x6 --square 25mm -o camera.yaml "
       "--undistorted straight");
@@ -115,21 +115,21 @@ void demo_calibrate(Context& context, DemoPage& page) {
   draw_view(corners, result.views[view], spec);
   draw_errors(corners, result.views[view], spec, calibration.camera,
               calibration.views[view].camera_from_board, 20);
-  page.heading("What it looks at",
-               "Corners are found to a tenth of a pixel. Red lines: what the camera does not "
-               "explain, 20 times enlarged. The map shows where the board was seen; a calibration "
-               "says what is still missing.");
+  page.heading("Detected corners",
+               "Corners are located to a tenth of a pixel. Red lines are the reprojection errors, "
+               "enlarged 20 times. The map shows which parts of the image the board covered. The "
+               "calibration reports which views are missing.");
   page.grid(
       {page.image("calibrate-corners", corners, images[max_tilt_index].name),
        page.drawing("calibrate-coverage", coverage_image(result.used_views(), result.coverage, 640),
-                    "where the board was seen")});
+                    "coverage of the image by the board")});
   add_table(page, calibration, images);
-  page.heading("A board to print", "True to scale, as PDF, SVG or PNG.");
+  page.heading("Board to print", "The board is true to scale, as PDF, SVG or PNG.");
   const auto charuco = planar::calibration::parse_board("charuco:5x7:6x6_250", 0.035);
   page.grid(
       {page.drawing("calibrate-sheet",
                     planar::sheets::raster_of(planar::sheets::board_page(charuco, {}), 60),
-                    "a board with markers: a part of it is enough"),
+                    "a board with markers: a visible part of it is sufficient"),
        page.drawing(
            "calibrate-markers",
            planar::sheets::raster_of(

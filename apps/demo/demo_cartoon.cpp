@@ -101,9 +101,8 @@ void add_samples(Context& context, DemoPage& page, const std::vector<Sample>& im
   page.command(fmt::format("tarsier cartoon run {} -o cartoon.png", first.path));
 
   page.heading("Every mode",
-               "The same filters on different subjects. The two sketches keep the lines and drop "
-               "the colour; the "
-               "painting keeps the colour and drops the texture.");
+               "All modes on different images. The sketch modes draw only lines. The paint mode "
+               "smooths the texture and preserves the colours.");
   for (const Sample& sample : images) {
     throw_if_stopped(context.stop);
     std::vector<DemoImage> row{page.image(sample.name + "-original", sample.image, "original")};
@@ -136,15 +135,13 @@ void add_faces(Context& context, DemoPage& page) {
   const cv::Mat smooth = cartoonize(portrait, options_for(Mode::kSmooth));
   cv::Mat outline = portrait.clone();
   cartoon::draw_face_outline(outline, 0.8);
-  page.heading("A face",
-               "Skin is found from six points where a face is expected and recoloured: any colour, "
-               "brightened or "
-               "tinted. Live, an outline shows for two seconds where to put the face; --face auto "
-               "finds it. This "
-               "face is drawn by the program, so that nobody's portrait is needed.");
+  page.heading("Faces",
+               "Skin is detected from six points of the expected face region, and recoloured. In "
+               "live mode, an outline shows for two seconds where to hold the face; --face auto "
+               "detects the face instead. This face is rendered by the program.");
   page.grid(
       {page.image("face-original", portrait, "original"),
-       page.image("face-outline", outline, "put your face here"),
+       page.image("face-outline", outline, "face position"),
        page.image("face-cartoon", cartoonize(portrait, options_for(Mode::kCartoon)), "cartoon"),
        page.image("face-alien", green, "alien"),
        page.image("face-alien-blue", blue, "alien, tinted blue"),
@@ -174,12 +171,11 @@ void add_stages(Context& context, DemoPage& page, const Sample& sample) {
   StageStrip strip(page, "stage");
   (void)cartoonize(sample.image, options_for(Mode::kCartoon), &strip);
   context.progress->advance();
-  page.heading("What happens inside",
-               "Each stage of the cartoon mode. Lines: grey, a median against texture, a Laplacian "
-               "that answers at "
-               "edges, a threshold, single dots removed. Colour: half the size, fourteen bilateral "
-               "filters, back to "
-               "full size. The lines go on top.");
+  page.heading(
+      "Processing stages",
+      "The stages of the cartoon mode. Lines: greyscale, a median filter against texture, a "
+      "Laplacian edge filter, a threshold, removal of single dots. Colour: half the size, fourteen "
+      "bilateral filters, full size. The lines are drawn over the colours.");
   page.strip(strip.images());
   page.command(
       fmt::format("tarsier cartoon run {} -o cartoon.png --debug-dir stages", sample.path));
@@ -211,7 +207,7 @@ void add_video(Context& context, DemoPage& page) {
   try {
     frames = video_frames(path, context.stop, fps);
   } catch (const InputError& error) {
-    log_warning("no video in the demo: {}", error.what());
+    log_warning("the demo has no video: {}", error.what());
     return;
   }
   if (frames.size() < 3) return;
@@ -226,10 +222,9 @@ void add_video(Context& context, DemoPage& page) {
     images.push_back(cartoonizer.process(frame, state).image);
     context.progress->advance();
   }
-  page.heading("A video",
-               "The same on every frame of a video or a camera, with --steady, which keeps the "
-               "lines of what does not "
-               "move from flickering.");
+  page.heading("Video",
+               "The same filters on every frame of a video or camera. --steady prevents flickering "
+               "lines in regions without motion.");
   const cv::Mat& poster_frame = images[images.size() / 2];
   const DemoImage poster = page.image("video-poster", poster_frame, "a frame of the video");
   if (write_demo_video(page.path_of("video.mp4"), images, fps > 0 ? fps : 10)) {
@@ -274,11 +269,10 @@ void add_speed(Context& context, DemoPage& page, const Sample& sample) {
                     fmt::format("{:.0f}", 1000 / fast)});
     context.progress->advance();
   }
-  page.heading("How fast, here",
-               "One 640x480 frame, reference (the filters' definition in plain OpenCV calls) "
-               "against the fast path "
-               "that is used by default and looks the same.");
-  page.table({"mode", "reference ms", "fast ms", "times faster", "frames/s"}, rows,
+  page.heading("Speed on this machine",
+               "One frame of 640x480 px. The reference computes the filters by plain OpenCV calls. "
+               "The fast path is the default and gives the same appearance.");
+  page.table({"mode", "reference ms", "fast ms", "speedup", "frames/s"}, rows,
              fmt::format("Medians of this run, {} threads.", cv::getNumThreads()), 4);
   page.command("tarsier bench cartoon");
 }
@@ -302,9 +296,9 @@ void demo_cartoon(Context& context, DemoPage& page) {
   const std::vector<Sample> images = samples();
   const auto drawings = static_cast<std::int64_t>(images.size() * std::size(kModes));
   context.progress->begin("cartoon", drawings + 3 + kVideoFrames + 7, "images");
-  page.begin_area(
-      "Cartoon",
-      "Images, videos and live cameras become drawings, on a small machine in real time.");
+  page.begin_area("Cartoon",
+                  "Images, videos and live cameras are converted to cartoons, in real time on a "
+                  "small machine.");
   add_samples(context, page, images);
   add_faces(context, page);
   add_stages(context, page, images.front());

@@ -24,9 +24,10 @@ void demo_landmarks(Context& context, DemoPage& page) {
   const face::LandmarkTracker tracker = load_landmark_tracker({});
   const face::shape::ShapeModel& shape_model = tracker.model().shape;
   face::LandmarkState state;
-  page.begin_area("Faces, point by point",
-                  "68 points of each face, by regression trees and a cascade of linear regressions "
-                  "that were learnt by this program. Real images, of Debian's opencv-doc.");
+  page.begin_area(
+      "Facial landmarks",
+      "68 landmarks of each face, by regression trees and a cascade of linear regressions. Both "
+      "were trained by this program. The images are real, from Debian's package opencv-doc.");
   page.command(fmt::format("tarsier landmarks fit {} -o points.png", sample_image("messi5.jpg")));
   std::vector<DemoImage> faces;
   for (const char* name : kFaceImages) {
@@ -56,27 +57,28 @@ void demo_landmarks(Context& context, DemoPage& page) {
     face::shape::draw_landmarks(enlarged, points, shape_model.connections, shape_model.mirror,
                                 style);
     faces.push_back(page.image("landmarks-" + path.stem().string(), enlarged,
-                               fmt::format("{}: a face {:.0f} px wide, score {:.2f}", name,
+                               fmt::format("{}: face of {:.0f} px width, score {:.2f}", name,
                                            box.width, found.front().score)));
   }
   if (faces.empty()) {
-    page.note("The package opencv-doc is not installed; its images would be here.");
+    page.note(
+        "No images: the package opencv-doc is not installed. Install it and run the demo again.");
   } else {
     page.grid(faces);
   }
 
-  page.heading("How faces differ",
-               "The first modes of the shape model: what varies most among a thousand faces, once "
-               "place, size and turn are taken out. A drawing: nobody's face.");
+  page.heading("Shape modes",
+               "The first modes of the shape model show the largest variations among a thousand "
+               "faces, without position, scale and rotation. The faces are synthetic.");
   page.command("tarsier landmarks show landmarks68.json -o modes.gif");
   const std::vector<cv::Mat> frames =
       face::shape::animate_modes(shape_model, 4, cv::Size(360, 360), 24);
   const std::string file = page.path_of("landmarks-modes.gif");
   sfm::write_gif(file, frames, 12);
-  page.grid({DemoImage{"img/landmarks-modes.gif", "four modes, 3 standard deviations either way",
-                       360, 360},
-             page.drawing("landmarks-modes", face::shape::draw_modes(shape_model, 4, 150),
-                          "each row a mode")});
+  page.grid(
+      {DemoImage{"img/landmarks-modes.gif", "four modes, at -3 to 3 standard deviations", 360, 360},
+       page.drawing("landmarks-modes", face::shape::draw_modes(shape_model, 4, 150),
+                    "one mode per row")});
 }
 
 }  // namespace tarsier::cli

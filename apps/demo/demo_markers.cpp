@@ -75,12 +75,12 @@ void add_table(DemoPage& page, const Tally& tally) {
   const double shown = std::max(1, tally.shown);
   page.table(
       {"", ""},
-      {{"markers in sight", std::to_string(tally.shown)},
-       {"found and posed", fmt::format("{:.1f} %", 100 * tally.found / shown)},
-       {"corners, median error", fmt::format("{:.2f} px", upper_median(tally.corner_px))},
-       {"poses more than 15 degrees off", std::to_string(tally.flips)},
-       {"time for a frame, median", fmt::format("{:.1f} ms", upper_median(tally.milliseconds))}},
-      "Counted over the video above, whose truth is known.");
+      {{"visible markers", std::to_string(tally.shown)},
+       {"detected, with a pose", fmt::format("{:.1f} %", 100 * tally.found / shown)},
+       {"median corner error", fmt::format("{:.2f} px", upper_median(tally.corner_px))},
+       {"poses with an error above 15 degrees", std::to_string(tally.flips)},
+       {"median time per frame", fmt::format("{:.1f} ms", upper_median(tally.milliseconds))}},
+      "Measured on the video above, whose ground truth is known.");
 }
 
 }  // namespace
@@ -97,9 +97,9 @@ void demo_markers(Context& context, DemoPage& page) {
   options.augment.mesh = make_box_and_ball();
   context.progress->begin("markers", kFrameCount, "frames");
   page.begin_area(
-      "Objects on printed markers",
-      "A black square with a pattern tells where the camera is. What is drawn on it stays "
-      "put, throws its shadow on the sheet and is hidden where it is behind.");
+      "Square markers",
+      "A black square with a pattern determines the camera pose. Virtual objects on it keep their "
+      "position, cast shadows on the sheet, and are hidden behind other objects.");
   ArSession session(tracker, options);
   SourceStatus live;
   live.state = SourceState::kLive;
@@ -127,9 +127,9 @@ void demo_markers(Context& context, DemoPage& page) {
     }
     context.progress->advance();
   }
-  poster = page.image("markers-poster", drawn, "a video of a drawn desk");
-  page.compare(page.image("markers-plain", plain, "what the camera sees"),
-               page.image("markers-drawn", drawn, "with a painted box on each marker"));
+  poster = page.image("markers-poster", drawn, "a rendered video of a desk");
+  page.compare(page.image("markers-plain", plain, "camera image"),
+               page.image("markers-drawn", drawn, "with a virtual box on each marker"));
   page.command("tarsier ar markers 0 --size 50mm --camera camera.yaml --mesh object.obj --window");
   if (write_demo_video(page.path_of("markers.mp4"), frames, kFps)) {
     DemoImage moving = poster;

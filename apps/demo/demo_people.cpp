@@ -14,10 +14,10 @@
 
 namespace tarsier::cli {
 void demo_people(Context& context, DemoPage& page) {
-  page.begin_area("Who is it?",
-                  "A face is found, its eyes are put at fixed places, and the light is taken out; "
-                  "what is left is compared with the people who were enrolled, or is of nobody: "
-                  "unknown. Nothing leaves this machine, and everyone can be forgotten for good.");
+  page.begin_area("Face recognition",
+                  "A face is detected, aligned by its eyes, and normalised for illumination. It is "
+                  "then compared with the enrolled people; a face that matches nobody is unknown. "
+                  "No data leave this machine, and each person can be deleted permanently.");
   page.command(
       fmt::format("tarsier people show --stages {} -o stages.png", sample_image("messi5.jpg")));
   std::vector<DemoImage> shown;
@@ -30,10 +30,11 @@ void demo_people(Context& context, DemoPage& page) {
     if (stages.images.empty()) continue;
     shown.push_back(page.image("people-" + path.stem().string(),
                                image::draw::tile(stages.images, stages.names, {960, 560}),
-                               fmt::format("{}: the stages of preparation", name)));
+                               fmt::format("{}: stages of preprocessing", name)));
   }
   if (shown.empty()) {
-    page.note("The package opencv-doc is not installed; its images would be here.");
+    page.note(
+        "No images: the package opencv-doc is not installed. Install it and run the demo again.");
   } else {
     page.grid(shown);
   }

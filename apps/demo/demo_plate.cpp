@@ -59,9 +59,9 @@ void show_stills(Context& context, DemoPage& page, const plate::Reader& reader) 
                            100 * reading.confidence);
     }
     if (images.empty()) {
-      page.heading("A plate, stage by stage",
-                   "Found, aligned, straightened; then the line is read as a whole and decoded "
-                   "with the layouts of the countries' plates.");
+      page.heading("Stages of reading a plate",
+                   "The plate is detected, aligned and rectified. Then its text line is recognised "
+                   "as a whole, and decoded with the plate layouts of the countries.");
       page.command(
           fmt::format("tarsier plate read '{}' -o read.png --debug-dir stages", scene.source));
       std::vector<DemoImage> strip;
@@ -73,16 +73,16 @@ void show_stills(Context& context, DemoPage& page, const plate::Reader& reader) 
     images.push_back(page.image(fmt::format("plate-{}", images.size()), view.output,
                                 fmt::format("{}: {}", scene.title, texts)));
   }
-  page.heading("Drawn cars, read");
+  page.heading("Plates of rendered cars");
   page.grid(images);
 }
 
 void show_drive(Context& context, DemoPage& page, const plate::Reader& reader) {
   constexpr const char* kSynthVideo =
       "drive?seconds=20&cars=3&parked=1&far=0&fps=5&size=960x540&seed=6";
-  page.heading("A street, live",
-               "Plates are followed from frame to frame, their readings vote, and each vehicle "
-               "gives one event.");
+  page.heading("Plates in a video",
+               "Plates are tracked from frame to frame. The readings of a track vote, and each "
+               "vehicle gives one event.");
   page.command(fmt::format("tarsier plate read 'synth:{}' --window", kSynthVideo));
   std::vector<std::vector<std::string>> rows;
   PlateSession session(of_frames(reader), [&](const plate::PlateEvent& event) {
@@ -102,15 +102,16 @@ void show_drive(Context& context, DemoPage& page, const plate::Reader& reader) {
   }
   session.finish();
   page.grid(images);
-  page.table({"vehicle", "confidence", "seen", "frames"}, rows, "One line for each vehicle");
+  page.table({"vehicle", "confidence", "seen", "frames"}, rows, "One row for each vehicle");
 }
 
 }  // namespace
 
 void demo_plate(Context& context, DemoPage& page) {
-  page.begin_area("Number plates",
-                  "Plates are found by a small network, straightened, read by another one, and "
-                  "decoded with the layouts of 49 countries. The cars are drawn by the program.");
+  page.begin_area(
+      "Number plates",
+      "A small network detects the plates. They are rectified, read by a second network, and "
+      "decoded with the plate layouts of 49 countries. The cars are rendered by the program.");
   try {
     const plate::Reader reader = load_reader({}, context);
     show_stills(context, page, reader);

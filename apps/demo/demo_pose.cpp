@@ -91,8 +91,8 @@ DemoImage cube_with_axes(DemoPage& page, Context& context) {
     const geometry::Rigid3& pose = result.pose->camera_from_object;
     face::head::draw_axes(image, camera, pose, {90, 90, 90});
     text = fmt::format(
-        "a cube of 100 mm, its corners seen with 0.5 px of noise: {} iterations, {:.2f} degrees "
-        "and {:.1f} mm from the truth",
+        "a cube of 100 mm, observed corners with 0.5 px of noise: {} iterations, errors of {:.2f} "
+        "degrees and {:.1f} mm",
         result.pose->iterations,
         geometry::angle_of(pose.rotation * truth.rotation.transpose()) * 180 / CV_PI,
         (pose.translation - truth.translation).norm());
@@ -200,17 +200,17 @@ DemoImage draw_trained_head(DemoPage& page) {
   render::render(image, scene, camera);
   face::head::draw_head(image, camera, poses[0], model, model.mean);
   return page.drawing("pose-head", image,
-                      "the head that ships: its 68 points and a skull behind them; yaw 35, 0 and "
-                      "-35 degrees; glasses and hat are drawn by --draw");
+                      "the included head model: 68 points and a skull behind them, at yaw 35, 0 "
+                      "and -35 degrees; glasses and hat are drawn by --draw");
 }
 
 }  // namespace
 
 void demo_pose(Context& context, DemoPage& page) {
-  page.begin_area("Head and object pose",
-                  "The pose of a known object from one image (POSIT and a few steps of "
-                  "Levenberg-Marquardt), and of a head, whose 3D points were learnt from flat "
-                  "images of a thousand faces.");
+  page.begin_area(
+      "Head and object pose",
+      "The pose of a known object from one image, by POSIT and Levenberg-Marquardt. The pose of a "
+      "head uses 3D points that were learned from images of a thousand faces.");
   page.command("tarsier pose solve --object cube.txt --points seen.txt --focal 760");
   page.grid({cube_with_axes(page, context)});
   page.grid({draw_trained_head(page)});
@@ -218,7 +218,8 @@ void demo_pose(Context& context, DemoPage& page) {
   throw_if_stopped(context.stop);
   page.command(fmt::format("tarsier pose track {} -o posed.png", kFaceImage));
   if (!std::filesystem::exists(kFaceImage)) {
-    page.note("The package opencv-doc is not installed; its image would be here.");
+    page.note(
+        "No image: the package opencv-doc is not installed. Install it and run the demo again.");
     demo_turning_head(context, page);
     return;
   }

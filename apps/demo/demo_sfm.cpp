@@ -50,9 +50,10 @@ sfm::Model true_model(const synth::SfmScene& scene, const sfm::Model& found) {
 }  // namespace
 
 void demo_sfm(Context& context, DemoPage& page) {
-  page.begin_area("Structure from motion",
-                  "Images of a scene become the cameras that took them and a cloud of points. "
-                  "This scene is drawn by the program, so that the truth is known.");
+  page.begin_area(
+      "Structure from motion",
+      "Structure from motion computes camera poses and a point cloud from images of a scene. This "
+      "scene is rendered by the program, so that its ground truth is known.");
   synth::SceneOptions options;
   options.size = {640, 480};
   options.images = kImages;
@@ -69,7 +70,7 @@ void demo_sfm(Context& context, DemoPage& page) {
     images.push_back(rendered);
   }
   page.command("tarsier sfm synth -o scene");
-  page.heading("The images");
+  page.heading("Input images");
   page.grid(images);
 
   sfm::ReconstructorOptions how;
@@ -83,26 +84,26 @@ void demo_sfm(Context& context, DemoPage& page) {
     return;
   }
   const sfm::Model& model = result.models()[0];
-  page.heading("The reconstruction",
-               "Drag to turn it, scroll to come nearer. The pyramids are the cameras.");
+  page.heading("Reconstruction", "Drag to rotate, scroll to zoom. The pyramids are the cameras.");
   page.command("tarsier sfm reconstruct scene/images --camera-file scene/camera.yaml -o model");
-  page.inner_page(sfm::viewer_html(model, "Reconstruction"), "the cloud of points", 560);
+  page.inner_page(sfm::viewer_html(model, "Reconstruction"), "point cloud", 560);
   sfm::ViewOptions view;
   view.size = {720, 480};
   page.grid(
-      {page.image("sfm-found", sfm::render_model(model, view), "found"),
-       page.image("sfm-true", sfm::render_model(true_model(scene, model), view), "the truth")});
+      {page.image("sfm-found", sfm::render_model(model, view), "reconstruction"),
+       page.image("sfm-true", sfm::render_model(true_model(scene, model), view), "ground truth")});
   const sfm::PoseScores scores = sfm::evaluate_poses(model, truth, "model");
   const sfm::ModelStatistics statistics = sfm::statistics_of(model);
-  page.table({"what", "value"},
-             {{"images", fmt::format("{} of {}", scores.registered, scores.total)},
-              {"points", std::to_string(model.points.size())},
-              {"images that show a point", fmt::format("{:.1f}", statistics.mean_track)},
-              {"reprojection error", fmt::format("{:.2f} px", statistics.reprojection_px)},
-              {"cameras off by",
-               fmt::format("{:.4f} % of their extent", 100 * scores.center_mean / scores.extent)},
-              {"rotation off by", fmt::format("{:.4f} degrees", scores.rotation_mean_deg)}},
-             "Measured against the truth");
+  page.table(
+      {"what", "value"},
+      {{"images", fmt::format("{} of {}", scores.registered, scores.total)},
+       {"points", std::to_string(model.points.size())},
+       {"mean track length (images per point)", fmt::format("{:.1f}", statistics.mean_track)},
+       {"reprojection error", fmt::format("{:.2f} px", statistics.reprojection_px)},
+       {"mean error of camera positions",
+        fmt::format("{:.4f} % of the extent", 100 * scores.center_mean / scores.extent)},
+       {"mean rotation error", fmt::format("{:.4f} degrees", scores.rotation_mean_deg)}},
+      "Comparison with the ground truth");
 }
 
 }  // namespace tarsier::cli

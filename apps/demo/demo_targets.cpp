@@ -36,7 +36,8 @@ void show_box(DemoPage& page) {
   const std::string scene = sample_image("box_in_scene.png");
   std::error_code error;
   if (!fs::exists(box, error) || !fs::exists(scene, error)) {
-    page.note("The package opencv-doc has a box of biscuits to find; it is not installed.");
+    page.note(
+        "No images: the package opencv-doc is not installed. Install it and run the demo again.");
     return;
   }
   const planar::image_targets::Target trained =
@@ -50,9 +51,9 @@ void show_box(DemoPage& page) {
   options.camera = camera;
   TargetSession session(planar::TargetTracker({trained}, options));
   page.grid({page.drawing("target-quality", planar::image_targets::draw_quality(trained),
-                          "how trackable the image is: points that last, and its rating"),
+                          "trackability of the image: stable features, and its rating"),
              page.image("target-box", seen_in(session, image, true),
-                        "found small, turned and in part hidden")});
+                        "detected at a small size, rotated and partly hidden")});
   page.command(
       "tarsier ar target-train box.png -o box.target.json --width 20cm --draw quality.png");
   page.command(
@@ -65,9 +66,9 @@ void show_box(DemoPage& page) {
 void demo_targets(Context& context, DemoPage& page) {
   const auto frames = static_cast<int>(kVideoSeconds * 25);
   context.progress->begin("targets", frames, "frames");
-  page.begin_area("Images as targets",
-                  "Any flat image with detail can take a marker's place: it is learnt from one "
-                  "image, found in others, and followed through a video.");
+  page.begin_area("Image targets",
+                  "Any flat image with enough detail can serve instead of a marker. It is trained "
+                  "from one image, detected in other images, and tracked through a video.");
   show_box(page);
   synth::VideoOptions video_options;
   video_options.exposure = 0.35;
@@ -90,12 +91,13 @@ void demo_targets(Context& context, DemoPage& page) {
                      fmt::format("{:.1f} s, {:.1f} ms", i / 25.0, session.result().ms)));
     context.progress->advance();
   }
-  page.heading("Followed",
-               fmt::format("A drawn video: the camera moves up to 25 pixels a frame, the light "
-                           "swings, a hand passes. Seen in {} of {} frames.",
-                           seen, frames));
+  page.heading(
+      "Tracking in a video",
+      fmt::format("A rendered video: the camera moves by up to 25 pixels per frame, the light "
+                  "changes, and a hand hides a part. The target is tracked in {} of {} frames.",
+                  seen, frames));
   page.grid(strip);
-  page.command("tarsier ar target-track 0 --window  # frame an image with the mouse");
+  page.command("tarsier ar target-track 0 --window  # select an image with the mouse");
   context.progress->end();
 }
 

@@ -41,7 +41,7 @@ constexpr auto kSteps = std::to_array<DemoStep>({
     {"targets", demo_targets},
 });
 static_assert(std::ranges::equal(kSteps, kDemoAreas, {}, &DemoStep::name),
-              "the areas are those of the command line");
+              "expected areas of the command line");
 
 // How a user starts `tarsier` from here: by name if it is installed, else by its path.
 std::string shell_command() {
@@ -70,9 +70,9 @@ ExitStatus run_demo(const DemoOptions& options, Context& context) {
   }
   const double seconds = watch.seconds();
   const std::string path = page.write(
-      "What Tarsier sees",
-      "Classical computer vision on an ordinary CPU, offline. Everything on this page was computed "
-      "on this machine a moment ago, by the command that stands beside it.",
+      "Tarsier demo",
+      "Classical computer vision on an ordinary CPU, offline. Everything on this page was just "
+      "computed on this machine, by the command beside it.",
       fmt::format(
           "Made on {:%Y-%m-%d %H:%M} by tarsier {} in {:.0f} s: {} cores, {} vectors, OpenCV {}.",
           fmt::localtime(std::time(nullptr)), version(), seconds,
@@ -83,8 +83,8 @@ ExitStatus run_demo(const DemoOptions& options, Context& context) {
   } else {
     const std::string absolute = std::filesystem::absolute(path).lexically_normal().string();
     print_text(
-        fmt::format("The page is ready after {:.0f} s. Open it in a browser:\n  {}\n"
-                    "Live, with your own images and camera, in a browser too:\n  {} serve\n",
+        fmt::format("The page was written after {:.0f} s. Open it in a browser:\n  {}\n"
+                    "For your own images and camera, start the studio in a browser:\n  {} serve\n",
                     seconds, printable(absolute), printable(shell_command())));
   }
   return ExitStatus::kDone;

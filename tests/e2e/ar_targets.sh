@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Images as targets: training, rating, detection in an image, tracking through a video; and all errors.
+# Image targets: training, rating, detection in an image, tracking through a video; and all errors.
 # shellcheck source=tests/e2e/lib.sh
 source "$TARSIER_SOURCE/tests/e2e/lib.sh"
 images=/usr/share/doc/opencv-doc/examples/data

@@ -9,8 +9,8 @@ programs=$(dirname "$TARSIER")
 needed_libraries() { readelf -d "$1" | grep NEEDED; }
 needed_libraries "$TARSIER" | grep -q libopencv_imgproc || fail "cannot list the libraries of the program"
 needed_libraries "$TARSIER" | grep -i apriltag && fail "tarsier links a library of bench markers"
-grep -q 'What Tarsier sees' "$programs/tarsier-demo" || fail "cannot find the demo's text in tarsier-demo"
-grep -q 'What Tarsier sees' "$TARSIER" && fail "tarsier holds the demo's page"
+grep -q 'Classical computer vision on an ordinary CPU, offline' "$programs/tarsier-demo" || fail "cannot find the demo's text in tarsier-demo"
+grep -q 'Classical computer vision on an ordinary CPU, offline' "$TARSIER" && fail "tarsier holds the demo's page"
 
 grep -q tarsier_session "$programs/tarsier-serve" || fail "cannot find the cookie of the studio in tarsier-serve"
 grep -q tarsier_session "$TARSIER" && fail "tarsier holds the studio's server"

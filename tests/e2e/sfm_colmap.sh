@@ -48,7 +48,7 @@ with sqlite3.connect("other.db") as db:
 PY
 run sfm reconstruct scene/images --database other.db --no-cache -o none
 expect_status 1
-case $err$out in *"has no image of this name"*) ;; *) fail "images that the database does not know: $err" ;; esac
+case $err$out in *"contains no image with this name"*) ;; *) fail "images that the database does not know: $err" ;; esac
 
 # --- from a model ---
 run sfm synth -o twelve --images 12 --size 320x240 --seed 3
@@ -105,12 +105,12 @@ same_poses of-eight on-of-eight && fail "nothing was adjusted"
 run sfm reconstruct twelve/images "${fewer[@]}" --start-model of-eight --fixed-poses --only-start-images -o only
 expect_status 0
 expect_out 'model 0: 8 of 12 images'
-expect_out 'missing: 0011.jpg: is not in the start model'
+expect_out 'not registered: 0011.jpg: the image is not in the start model'
 same_poses of-eight only || fail "fixed poses have moved"
 run sfm reconstruct nine "${fewer[@]}" --start-model of-eight -o of-nine
 expect_status 0
 expect_out 'start model: 7 of 8 images'
-case $err in *"1 of 8 images of this model are not among the inputs, as '0000.jpg'"*) ;; *) fail "an image that is not here: $err" ;; esac
+case $err in *"1 of 8 images of this model are not among the inputs, for example '0000.jpg'"*) ;; *) fail "an image that is not here: $err" ;; esac
 
 # What contradicts the matches is refused: a mirrored model. So is a lens that there is not, and what cannot be combined.
 python3 - <<'PY'
@@ -128,13 +128,13 @@ open("fisheye/cameras.txt", "w").write("1 OPENCV_FISHEYE 320 240 320 320 160 120
 PY
 run sfm reconstruct twelve/images "${fewer[@]}" --start-model mirrored -o none
 expect_status 1
-expect_out 'no model: the start model is refused: it contradicts the matches'
+expect_out 'no model: the start model is rejected: it contradicts the matches'
 run sfm reconstruct twelve/images "${fewer[@]}" --start-model fisheye -o none
 expect_status 3
 expect_error 'has a fisheye lens'
 run sfm reconstruct scene/images --start-model of-eight -o none --only-start-images --no-cache
 expect_status 1
-case $err in *'400x300 px, but in of-eight it has 320x240'*) ;; *) fail "an image of another size: $err" ;; esac
+case $err in *'400x300 px, but its camera in of-eight has 320x240 px'*) ;; *) fail "an image of another size: $err" ;; esac
 run sfm reconstruct twelve/images --start-model none -o none
 expect_status 3
 expect_error 'cameras.txt'

@@ -63,7 +63,7 @@ make_changed_model same 'images[1::2] = images[1::2]
 for i in range(2, len(images), 2): images[i][1:8] = images[0][1:8]'
 run "${dense[@]}" same -o no
 expect_status 3
-expect_error 'taken from where the others were'
+expect_error 'taken from the same position as the others'
 make_changed_model nan 'points[0][1] = "nan"'
 run "${dense[@]}" nan -o no
 expect_status 3

@@ -135,7 +135,7 @@ printf '0000.jpg,0,0\n' >bad.csv
 expect_refusal 3 'missing.csv' --align missing.csv
 expect_refusal 3 'line 1' --align bad.csv
 expect_refusal 3 '2 of 3 names' --align two.csv
-expect_refusal 3 'in a line' --align line.csv
+expect_refusal 3 'collinear' --align line.csv
 expect_refusal 3 '0 of 10 images' --align gps
 expect_refusal 2 'nobody.jpg' --distance 2 --distance-between 0000.jpg nobody.jpg
 expect_refusal 2 'two images' --distance 2 --distance-between 0000.jpg 0000.jpg
@@ -153,7 +153,7 @@ printf 'wall-0.jpg,0,0,0\nwall-1.jpg,1,0,0\nwall-2.jpg,0,1,0\n' >walls.csv
 words=(sfm reconstruct mixed --camera-file scene/camera.yaml --max-features 400 --quiet)
 run "${words[@]}" -o unplaced --align walls.csv
 expect_status 3
-expect_error 'walls.csv: 0 positions fit images of the model'
+expect_error 'walls.csv: 0 positions belong to images of the model'
 [ -s unplaced/points3D.txt ] && [ -s unplaced/view.html ] || fail "--align that does not fit: there is no model"
 [ -n "$(field unplaced not_placed)" ] || fail "--align that does not fit: report.json does not say so"
 cp unplaced/images.txt unplaced.txt

@@ -90,7 +90,7 @@ expect_error nobody.jpg
 # --- markers: a scene without any ---
 run sfm mesh $dense -o no.obj --marker-size 5cm
 expect_status 3
-expect_error "scale by markers: no marker is seen"
+expect_error "scale from markers: no marker was detected"
 run sfm mesh $dense -o no.obj --marker-size 5cm --marker-family 9x9
 expect_status 2
 expect_error 9x9

@@ -136,7 +136,7 @@ head -c 2000 little/images/0002.jpg >mixed/0003.jpg
 cp scene/images/0000.jpg mixed/large.jpg
 run sfm reconstruct mixed --camera-file little/camera.yaml --max-features 400 -o of-mixed
 expect_status 0
-expect_out 'missing: 0003.jpg: '
+expect_out 'not registered: 0003.jpg: '
 run sfm reconstruct scene/images --camera 1,2 -o none
 expect_status 2
 run sfm reconstruct scene/images --camera-file missing.yaml -o none
@@ -180,7 +180,7 @@ for content in temple toy; do
 done
 run sfm synth --trajectory walk --content relief -o refused
 expect_status 2
-expect_error 'has houses'
+expect_error 'needs --content houses'
 run sfm synth --trajectory ring --content houses -o refused
 expect_status 2
 expect_error 'walk or city'

@@ -94,19 +94,19 @@ broken() { # broken FILE PATTERN FILTER..: with what the filter makes of FILE in
   mv kept-file "$file"
 }
 broken match-1-of-3 'match-1-of-3: is damaged; run: tarsier sfm match work --shard 1/3' head -c 4000
-broken match-1-of-3 'is not the file that its .done describes' cat work/match-2-of-3
+broken match-1-of-3 'does not match the checksum in its .done file' cat work/match-2-of-3
 broken features-3-of-3 'run: tarsier sfm features work --shard 3/3' head -c 0
 broken match-1-of-3.done 'run: tarsier sfm match' sed 's/"version":[0-9]*/"version":99/'
-broken match-1-of-3.done 'is of another plan' sed 's/"plan":"[0-9a-f]*"/"plan":"00"/'
+broken match-1-of-3.done 'belongs to another plan' sed 's/"plan":"[0-9a-f]*"/"plan":"00"/'
 broken match-1-of-3.done 'run: tarsier sfm match' printf '[[[['
-broken plan.json 'plan.json: is no plan' sed 's/"shards": 3/"shards": 0/'
+broken plan.json 'plan.json: is not a plan' sed 's/"shards": 3/"shards": 0/'
 broken plan.json 'max_count' sed 's/"max_count": 500/"max_count": -1/'
 cp scene/images/0000.jpg original.jpg
 cp scene/images/0001.jpg scene/images/0000.jpg
 rm work/features-1-of-3.done
 run sfm features work --shard 1/$N
 expect_status 3
-expect_error '0000.jpg: is not the image that was planned'
+expect_error '0000.jpg: the image was changed after the plan was made'
 cp original.jpg scene/images/0000.jpg
 
 # --- Slurm: the script is one, and its stages do the work, in order ---
@@ -147,7 +147,7 @@ CALLS=$PWD/calls PATH=$PWD/programs:$PATH bash 'slurm work/sfm.sbatch' --time=10
 grep -q 'afterany:3 .*stage-map' calls || fail "sfm.sbatch: the map does not wait: $(cat calls)"
 grep -q -- '--array 1-3 .*stage-match' calls || fail "sfm.sbatch: no array of matches: $(cat calls)"
 [ "$(grep -c -- '--time=10' calls)" -eq 4 ] || fail 'sfm.sbatch: flags of sbatch are lost'
-grep -q 'job 4 makes' stdout.txt || fail "sfm.sbatch says: $(cat stdout.txt)"
+grep -q 'job 4 writes the model' stdout.txt || fail "sfm.sbatch says: $(cat stdout.txt)"
 same_as_whole 'slurm work/model' 'Slurm' # each image with all 11 others is all with all
 
 # --- clusters: mapped apart, merged; missing ones are named; Slurm submits them ---

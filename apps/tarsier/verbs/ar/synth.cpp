@@ -150,7 +150,7 @@ void add_flags(Command& verb, SynthFlags& flags) {
   markers(verb.add_option("--side", flags.side, "side of a marker's black frame").show_default());
   markers(bind_field(verb, flags.still, flags.still.min_prints));
   markers(bind_field(verb, flags.still, flags.still.max_prints));
-  const auto planar = [](Flag& flag) { flag.group("Images as targets"); };
+  const auto planar = [](Flag& flag) { flag.group("Image targets"); };
   planar(verb.add_option("--image", flags.images, "image of a target, repeatable [posters]")
              .delimiter(','));
   planar(verb.add_option("--posters", flags.posters, "number of synthetic posters without --image")

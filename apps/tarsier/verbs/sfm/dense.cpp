@@ -93,7 +93,7 @@ ExitStatus make_dense(const Flags& flags, Context& context) {
   job.path_of = [files](const std::string& name) { return files.at(name); };
   job.folder = flags.output;
   if (fs::weakly_canonical(flags.output, ignored) == fs::weakly_canonical(flags.model, ignored))
-    throw UsageError("-o: expected another folder than the model's");
+    throw UsageError("-o: expected a folder that is not the model folder");
   return run_dense(reconstructor, job, context);
 }
 
@@ -114,8 +114,8 @@ void add_flags(Command& verb, Flags& flags) {
       .check(range(1, 16));
   bind_field(verb, flags.dense.options, flags.dense.options.min_depth);
   bind_field(verb, flags.dense.options, flags.dense.options.max_depth);
-  bind_all(verb, flags.dense.options.filter, "What is kept");
-  bind_all(verb, flags.dense.options.fusion, "What is kept");
+  bind_all(verb, flags.dense.options.filter, "Filters for depths and points");
+  bind_all(verb, flags.dense.options.fusion, "Filters for depths and points");
 }
 
 }  // namespace
@@ -145,11 +145,12 @@ ExitStatus run_dense(const sfm::DenseReconstructor& reconstructor, const sfm::De
   if (result.points > 0) write_views(job, result);
   if (result.points == 0) {
     log_warning(
-        "{}: no two depths agree, the cloud is empty (--min-views, --min-depth, --max-depth)",
+        "{}: no depths are consistent between images, and the cloud is empty: change --min-views, "
+        "--min-depth or --max-depth",
         result.cloud);
     return ExitStatus::kNothingFound;
   }
-  log_info("{}: the cloud; look at view.html", result.cloud);
+  log_info("{}: dense cloud written; open view.html to see it", result.cloud);
   return ExitStatus::kDone;
 }
 

@@ -89,7 +89,7 @@ ExitStatus make_mesh(Flags& flags, Context& context) {
 
 void add_flags(Command& verb, Flags& flags) {
   MeshFlags& mesh = flags.mesh;
-  verb.add_option("DENSE", flags.dense, "folder of `sfm dense`, or COLMAP's dense workspace")
+  verb.add_option("DENSE", flags.dense, "output folder of `sfm dense`, or COLMAP's dense workspace")
       .required()
       .type_name("");
   verb.add_option("-o,--output", mesh.output,
@@ -141,14 +141,14 @@ ExitStatus run_mesh(const MeshFlags& flags, const sfm::SurfaceOptions& options, 
   const sfm::SurfaceResult result =
       sfm::SurfaceReconstructor(options).run(job.workspace, *context.progress, context.stop);
   if (result.coarser)
-    log_warning("voxels are as large as {:.4g} to stay below --memory {}", result.voxel,
+    log_warning("voxels are enlarged to {:.4g} to stay below --memory {}", result.voxel,
                 flags.memory);
   if (context.json)
     print_json(sfm::to_json(result));
   else
     print_text(summary_text(result));
   if (result.surface.mesh.faces.empty()) {
-    log_warning("{}: the depth maps show no surface (--voxel), nothing is written",
+    log_warning("{}: the depth maps contain no surface, and nothing is written: change --voxel",
                 job.workspace.folder());
     return ExitStatus::kNothingFound;
   }
@@ -172,7 +172,8 @@ ExitStatus run_mesh(const MeshFlags& flags, const sfm::SurfaceOptions& options, 
                                            {sfm::viewer_cloud(cloud, options.scale),
                                             sfm::viewer_surface(result.surface)}));
   }
-  log_info("{}: the surface{}", flags.output, flags.page.empty() ? "" : "; look at " + flags.page);
+  log_info("{}: surface written{}", flags.output,
+           flags.page.empty() ? "" : "; to see it, open " + flags.page);
   return ExitStatus::kDone;
 }
 

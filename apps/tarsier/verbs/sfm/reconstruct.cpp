@@ -69,7 +69,7 @@ class GrowingFolder {
       written_ = true;
       sfm::write_colmap(folder_, model);
     } catch (const OutputError& error) {
-      if (!warned_) log_warning("the growing model: {}", error.what());
+      if (!warned_) log_warning("cannot write the unfinished model: {}", error.what());
       warned_ = true;
     }
   }
@@ -173,7 +173,7 @@ void print_models(const sfm::ReconstructorResult& result, const std::string& fol
   else
     print_text(sfm::summary_text(result.pipeline));
   if (!result.models().empty() && result.placement_error.empty())
-    log_info("{}: look at view.html", folder);
+    log_info("{}: model written; open view.html to see it", folder);
 }
 
 ExitStatus status_of(const sfm::ReconstructorResult& result) {

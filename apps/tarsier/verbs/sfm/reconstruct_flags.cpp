@@ -72,7 +72,7 @@ void complete_matching(const ReconstructFlags& flags, sfm::ReconstructorOptions&
   if (!options.database.empty() && (options.flow || flags.online.online))
     throw UsageError(
         "--database contains the matches: not possible with --matches flow or --online, which "
-        "compute their own");
+        "compute matches themselves");
   if (options.features.wide && options.features.kind != sfm::FeatureKind::kSift)
     throw UsageError("--wide simulates views for SIFT: use --features sift");
   if (options.features.wide && (options.flow || !options.database.empty()))
@@ -102,7 +102,8 @@ void check_start(const ReconstructFlags& flags, const sfm::ReconstructorOptions&
         "--start-model continues image by image: not possible with --mapper global, which computes "
         "all poses");
   if (flags.online.online)
-    throw UsageError("--start-model: --online begins with the first frames instead");
+    throw UsageError(
+        "--start-model is not possible with --online, which begins with the first frames");
   if (options.fixed_poses && all.placement.any())
     throw UsageError("--fixed-poses: --align, --distance and --marker-size would move the poses");
 }

@@ -49,7 +49,7 @@ sfm::SurfaceScores evaluate_mesh(const EvalFlags& flags, const sfm::Workspace& t
   const std::filesystem::path exact = std::filesystem::path(flags.truth) / "mesh.ply";
   std::error_code ignored;
   if (!std::filesystem::exists(exact, ignored))
-    throw InputError(exact.string(), "is missing: sfm synth --depth writes it");
+    throw InputError(exact.string(), "is missing: write it with sfm synth --depth");
   sfm::SurfaceScores scores =
       sfm::evaluate_surface(truth, sfm::read_surface(exact.string()), sfm::read_surface(flags.mesh),
                             sfm::align_workspaces(truth, model), *context.progress, context.stop);

@@ -122,7 +122,7 @@ void check_content(SynthFlags& flags) {
   const bool in_streets = flags.trajectory == "walk" || flags.trajectory == "city";
   if (flags.content.empty()) flags.content = in_streets ? "houses" : "relief";
   if (in_streets != (flags.content == "houses")) {
-    throw UsageError(in_streets ? fmt::format("--trajectory {}: has houses, not --content {}",
+    throw UsageError(in_streets ? fmt::format("--trajectory {} needs --content houses, not {}",
                                               flags.trajectory, flags.content)
                                 : "--content houses needs --trajectory walk or city");
   }

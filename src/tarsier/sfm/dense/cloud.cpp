@@ -59,7 +59,7 @@ void CloudWriter::add(std::span<const CloudPoint> points) {
   for (const CloudPoint& point : points) {
     TARSIER_REQUIRE(
         is_finite(point.position) && is_finite(point.normal) && std::isfinite(point.confidence),
-        "point {}", count_);
+        "point {} is not finite", count_);
     bytes.append(reinterpret_cast<const char*>(point.position.val), 12);
     bytes.append(reinterpret_cast<const char*>(point.normal.val), 12);
     for (int k = 2; k >= 0; --k) bytes.push_back(static_cast<char>(point.color[k]));
@@ -93,7 +93,7 @@ std::vector<CloudPoint> read_cloud(const std::string& path) {
   std::vector<char> record(layout.bytes);
   for (std::int64_t i = 0; i < layout.count; ++i) {
     if (!stream.read(record.data(), static_cast<std::streamsize>(record.size())))
-      throw InputError(path, fmt::format("ends after {} of {} points", i, layout.count));
+      throw InputError(path, fmt::format("is truncated after {} of {} points", i, layout.count));
     const auto number = [&](std::size_t k, float otherwise) {
       if (at[k] == nullptr) return otherwise;
       return static_cast<float>(at[k]->type.read(record.data() + at[k]->offset));

@@ -97,7 +97,9 @@ class Evaluation {
         }
       }
     }
-    if (surface.empty()) throw InputError(truth_.folder(), "no part of it is seen by two images");
+    if (surface.empty())
+      throw InputError(truth_.folder(),
+                       "no part of the ground truth surface is seen by two images");
     scores.extent = extent_of(surface);
     const std::string path = (fs::path(model_.folder()) / "fused.ply").string();
     std::error_code ignored;
@@ -221,8 +223,9 @@ geometry::Sim3 align_workspaces(const Workspace& truth, const Workspace& model) 
     turns += truth.pose(i).rotation.transpose() * pose.rotation;
   }
   if (from.size() < 2) {
-    throw InputError(model.folder(), fmt::format("has {} images of {}, two at least are needed",
-                                                 from.size(), truth.folder()));
+    throw InputError(model.folder(),
+                     fmt::format("has {} images in common with {}: two or more are needed",
+                                 from.size(), truth.folder()));
   }
   from_mean /= static_cast<double>(from.size());
   to_mean /= static_cast<double>(from.size());
@@ -236,7 +239,8 @@ geometry::Sim3 align_workspaces(const Workspace& truth, const Workspace& model) 
     below += turned.squaredNorm();
   }
   if (!(below > 0 && above > 0))
-    throw InputError(model.folder(), "its camera positions differ from those of the ground truth");
+    throw InputError(model.folder(),
+                     "the camera positions cannot be aligned with those of the ground truth");
   similarity.scale = above / below;
   similarity.translation = to_mean - similarity.scale * (similarity.rotation * from_mean);
   return similarity;

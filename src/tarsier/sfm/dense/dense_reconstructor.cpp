@@ -52,7 +52,7 @@ void DenseOptions::check() const {
   filter.check();
   fusion.check();
   TARSIER_REQUIRE(min_depth == 0 || max_depth == 0 || min_depth < max_depth,
-                  "min_depth {} and max_depth {}", min_depth, max_depth);
+                  "min_depth {} is not below max_depth {}", min_depth, max_depth);
 }
 
 nlohmann::ordered_json to_json(const DenseResult& result) {
@@ -89,9 +89,11 @@ std::string summary_text(const DenseResult& result) {
     if (image.is_reused) ++reused;
   }
   std::string text = fmt::format(
-      "{} of {} images have depths, {:.0f} % of their pixels; {} points\n", with_depths,
-      result.images.size(), with_depths > 0 ? 100 * known / with_depths : 0.0, result.points);
-  if (reused > 0) text += fmt::format("{} of them are of an earlier run\n", reused);
+      "{} of {} images have depth maps, with depths for {:.0f} % of the pixels; {} points\n",
+      with_depths, result.images.size(), with_depths > 0 ? 100 * known / with_depths : 0.0,
+      result.points);
+  if (reused > 0)
+    text += fmt::format("{} of the depth maps were computed by an earlier run\n", reused);
   for (const DenseImage& image : result.images)
     if (!image.reason.empty()) text += fmt::format("left out: {}: {}\n", image.name, image.reason);
   return text + fmt::format("cpu seconds: {:.1f}\n", result.cpu_seconds);

@@ -251,7 +251,7 @@ TEST_F(DenseTest, AnImageWithoutSharedPointsIsReported) {
     for (int& point : image.points)
       if (point >= 0) point = new_index[static_cast<std::size_t>(point)];
   const DenseResult result = run();
-  EXPECT_THAT(result.images[3].reason, HasSubstr("no point of the model"));
+  EXPECT_THAT(result.images[3].reason, HasSubstr("observes no point of the model"));
   EXPECT_EQ(result.images[0].reason, "");
   EXPECT_THAT(summary_text(result), HasSubstr("left out: 3.png"));
   EXPECT_EQ(to_json(result)["images"][3]["reason"], result.images[3].reason);
@@ -263,10 +263,10 @@ TEST_F(DenseTest, ErrorsNameTheCause) {
   job_.model.images.resize(1);
   job_.model.points.clear();
   job_.model.images[0].points.assign(job_.model.images[0].points.size(), -1);
-  EXPECT_THAT(error_of_run(), HasSubstr("two at least"));
+  EXPECT_THAT(error_of_run(), HasSubstr("two or more"));
   job_ = job;
   for (Image& image : job_.model.images) image.pose = job_.model.images[0].pose;
-  EXPECT_THAT(error_of_run(), HasSubstr("from where the others were"));
+  EXPECT_THAT(error_of_run(), HasSubstr("from the same position as the others"));
   job_ = job;
   fs::remove(path("images/1.png"));
   EXPECT_THAT(error_of_run(), HasSubstr("1.png"));

@@ -70,7 +70,7 @@ void check_dense_input(const Model& model) {
     model.cameras[static_cast<std::size_t>(image.camera)].check();
   }
   for (std::size_t p = 0; p < model.points.size(); ++p)
-    TARSIER_REQUIRE(model.points[p].position.allFinite(), "point {} of the model", p);
+    TARSIER_REQUIRE(model.points[p].position.allFinite(), "point {} of the model is not finite", p);
 }
 
 class DenseRun {
@@ -111,14 +111,14 @@ class DenseRun {
   // Writes the workspace's images and model, unless they exist already for the same images.
   void undistort() {
     TARSIER_REQUIRE(!job_.folder.empty() && job_.path_of != nullptr,
-                    "a job without folder or images");
+                    "the job has no folder or no images");
     const Model& model = job_.model;
     check_dense_input(model);
     const auto registered = std::count_if(model.images.begin(), model.images.end(),
                                           [](const Image& one) { return one.registered; });
     if (registered < 2) {
       throw Error(ErrorKind::kInput,
-                  fmt::format("the model has {} registered image{}; depth needs two at least",
+                  fmt::format("the model has {} registered image{}: depth maps need two or more",
                               registered, registered == 1 ? "" : "s"));
     }
     Digest digest;
@@ -161,9 +161,8 @@ class DenseRun {
       if (options_.min_depth > 0) its.min_depth = options_.min_depth;
       if (options_.max_depth > 0) its.max_depth = options_.max_depth;
       if (!its.sources.empty() && !(its.min_depth < its.max_depth)) {
-        its.reason =
-            fmt::format("its depths would be from {} to {}: they contradict the limits given",
-                        its.min_depth, its.max_depth);
+        its.reason = fmt::format("its depths are from {} to {}, outside the given limits",
+                                 its.min_depth, its.max_depth);
         its.sources.clear();
       }
       image(i).reason = its.reason;
@@ -175,7 +174,7 @@ class DenseRun {
         ++with_sources;
     }
     if (with_sources == 0) {
-      throw Error(ErrorKind::kInput, "no image can be compared with another one: " + reason);
+      throw Error(ErrorKind::kInput, "no image has source images for a depth map: " + reason);
     }
     for (int i = 0; i < workspace_.count(); ++i) {
       if (choice(i).sources.empty())
@@ -194,8 +193,10 @@ class DenseRun {
     const double pixels = static_cast<double>(camera.width) * camera.height;
     const double memory_scale = max_scale_for_memory(pixels);
     if (memory_scale < scale) {
-      log_warning("{}: reduced {:.2f} times instead of {:.2f}, to stay below {} GB of memory",
-                  workspace_.name(i), 1 / memory_scale, 1 / scale, options_.memory_gb);
+      log_warning(
+          "{}: the image is reduced by a factor of {:.2f} instead of {:.2f}, to stay below {} GB "
+          "of memory",
+          workspace_.name(i), 1 / memory_scale, 1 / scale, options_.memory_gb);
       scale = memory_scale;
     }
     return {std::max(16, static_cast<int>(std::lround(camera.width * scale))),

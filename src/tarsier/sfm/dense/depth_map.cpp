@@ -48,8 +48,8 @@ void DepthMap::check() const {
 
 geometry::Camera camera_of_map(const geometry::Camera& camera, cv::Size map) {
   const auto scaled = geometry::scaled_camera(camera, map);
-  TARSIER_REQUIRE(scaled.has_value(), "a map of {}x{} for images of {}x{}", map.width, map.height,
-                  camera.width, camera.height);
+  TARSIER_REQUIRE(scaled.has_value(), "a map of {}x{} px for an image of {}x{} px", map.width,
+                  map.height, camera.width, camera.height);
   return *scaled;
 }
 
@@ -77,7 +77,7 @@ cv::Mat read_colmap_map(const std::string& path, int channels) {
   const auto height = next_number(rest);
   const auto count = next_number(rest);
   if (!width || !height || !count)
-    throw InputError(path, "is no map of COLMAP: expected 'width&height&channels&' at its start");
+    throw InputError(path, "is not a COLMAP map: expected 'width&height&channels&' at its start");
   if (*count != channels) {
     throw InputError(path,
                      fmt::format("has {} numbers for each pixel, expected {}", *count, channels));
@@ -85,9 +85,9 @@ cv::Mat read_colmap_map(const std::string& path, int channels) {
   const std::size_t row_bytes = static_cast<std::size_t>(*width) * sizeof(float);
   const std::size_t plane_bytes = row_bytes * static_cast<std::size_t>(*height);
   if (rest.size() != plane_bytes * static_cast<std::size_t>(channels)) {
-    throw InputError(
-        path, fmt::format("is of {}x{} px and has {} bytes of them, expected {}", *width, *height,
-                          rest.size(), plane_bytes * static_cast<std::size_t>(channels)));
+    throw InputError(path,
+                     fmt::format("has {}x{} px and {} bytes of data, expected {}", *width, *height,
+                                 rest.size(), plane_bytes * static_cast<std::size_t>(channels)));
   }
   cv::Mat map(*height, *width, CV_MAKETYPE(CV_32F, channels));
   for (int c = 0; c < channels; ++c) {

@@ -182,7 +182,7 @@ std::vector<std::int64_t> fuse(const Workspace& workspace,
                                const std::stop_token& stop) {
   options.check();
   TARSIER_REQUIRE(neighbours.size() == static_cast<std::size_t>(workspace.count()),
-                  "neighbours of {} images of {}", neighbours.size(), workspace.count());
+                  "neighbours for {} of {} images", neighbours.size(), workspace.count());
   Views views(workspace, memory_bytes);
   std::vector<cv::Mat1b> fused(neighbours.size());
   const auto mask_of = [&](int index, const View& view) {

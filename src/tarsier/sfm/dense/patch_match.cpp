@@ -114,11 +114,11 @@ void check_image(const MatchImage& image, const char* what) {
   image.camera.check();
   TARSIER_REQUIRE(!image.gray.empty() && image.gray.cols == image.camera.width &&
                       image.gray.rows == image.camera.height,
-                  "{}: an image of {}x{} px, its camera {}x{}", what, image.gray.cols,
+                  "{}: an image of {}x{} px with a camera of {}x{} px", what, image.gray.cols,
                   image.gray.rows, image.camera.width, image.camera.height);
-  TARSIER_REQUIRE(image.gray.cols >= 16 && image.gray.rows >= 16, "{}: {}x{} px, at least 16x16",
-                  what, image.gray.cols, image.gray.rows);
-  TARSIER_REQUIRE(!image.camera.is_distorted(), "{}: the camera is distorted", what);
+  TARSIER_REQUIRE(image.gray.cols >= 16 && image.gray.rows >= 16,
+                  "{}: {}x{} px, expected 16x16 or more", what, image.gray.cols, image.gray.rows);
+  TARSIER_REQUIRE(!image.camera.is_distorted(), "{}: the camera has lens distortion", what);
   TARSIER_REQUIRE(image.depth.empty() || image.depth.size() == image.gray.size(),
                   "{}: depths of {}x{}", what, image.depth.cols, image.depth.rows);
   TARSIER_REQUIRE(image.large.empty() ||
@@ -180,7 +180,7 @@ PlaneMap refine_planes(const MatchProblem& problem, const PlaneMap& start,
   options.check();
   TARSIER_REQUIRE(start.depth.size() == problem.reference.gray.size() &&
                       start.normal.size() == start.depth.size(),
-                  "a map of {}x{} to begin with", start.depth.cols, start.depth.rows);
+                  "an initial map of {}x{}", start.depth.cols, start.depth.rows);
   MatchLevel level = make_level(problem, 0, true);
   add_large_images(problem, level);
   PlaneField field(level.gray.size(), static_cast<int>(problem.sources.size()));

@@ -75,7 +75,8 @@ SourceLevel make_source(const cv::Mat1b& gray, const geometry::Camera& camera,
                         const geometry::Camera& reference) {
   TARSIER_REQUIRE(
       gray.cols == camera.width && gray.rows == camera.height && gray.cols >= 2 && gray.rows >= 2,
-      "an image of {}x{}, its camera {}x{}", gray.cols, gray.rows, camera.width, camera.height);
+      "an image of {}x{} px with a camera of {}x{} px", gray.cols, gray.rows, camera.width,
+      camera.height);
   SourceLevel source;
   source.words = gray_words(gray);
   source.size = gray.size();

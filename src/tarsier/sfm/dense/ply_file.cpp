@@ -40,7 +40,7 @@ void add_property(PlyElement& element, std::string_view rest, const std::string&
     const std::string_view name = next_word(rest);
     const PlyType type = find_type(name);
     if (!type.is_known())
-      throw InputError(path, fmt::format("has a property of type '{}', which is unknown", name));
+      throw InputError(path, fmt::format("has a property of unknown type '{}'", name));
     return type;
   };
   PlyProperty property;
@@ -74,24 +74,25 @@ std::vector<PlyElement> read_ply_header(std::istream& stream, const std::string&
   std::string line;
   const auto next = [&] {
     if (!std::getline(stream, line) || line.size() > 1000)
-      throw InputError(path, "is no PLY file: its header is cut short");
+      throw InputError(path, "is not a PLY file, or its header is truncated");
     if (!line.empty() && line.back() == '\r') line.pop_back();
   };
   next();
-  if (line != "ply") throw InputError(path, "is no PLY file");
+  if (line != "ply") throw InputError(path, "is not a PLY file");
   for (int lines = 0; line != "end_header"; ++lines) {
     if (lines > 200) throw InputError(path, "has a header of more than 200 lines");
     next();
     std::string_view rest = line;
     const std::string_view first = next_word(rest);
     if (first == "format" && next_word(rest) != "binary_little_endian")
-      throw InputError(path, "is no binary little endian PLY file; others are not read");
+      throw InputError(path, "is not a binary little-endian PLY file: convert it to this format");
     if (first == "element") {
       PlyElement element;
       element.name = next_word(rest);
       const auto count = to_integer(next_word(rest), 0, std::numeric_limits<int>::max());
       if (!count)
-        throw InputError(path, fmt::format("has no number of '{}' in its header", element.name));
+        throw InputError(
+            path, fmt::format("has no valid number of elements '{}' in its header", element.name));
       element.count = *count;
       elements.push_back(std::move(element));
     }
@@ -101,8 +102,9 @@ std::vector<PlyElement> read_ply_header(std::istream& stream, const std::string&
     }
   }
   if (elements.empty() || elements[0].name != "vertex")
-    throw InputError(path, "does not begin with its vertices, and is not read");
-  if (elements[0].has_lists()) throw InputError(path, "has lists in its vertices, and is not read");
+    throw InputError(path, "does not begin with element 'vertex', and cannot be read");
+  if (elements[0].has_lists())
+    throw InputError(path, "has list properties in element 'vertex', and cannot be read");
   return elements;
 }
 

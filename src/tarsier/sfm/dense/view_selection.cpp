@@ -153,14 +153,15 @@ class Selector {
     select_sources(index, candidates, choice);
     if (!choice.sources.empty()) return;
     if (choice.known.empty())
-      choice.reason = "no point of the model is seen in it";
+      choice.reason = "the image observes no point of the model";
     else if (narrow_pairs > 0)
-      choice.reason =
-          fmt::format("it was taken from where the others were: rays meet at less than {} degrees",
-                      options_.min_angle_deg);
+      choice.reason = fmt::format(
+          "the image was taken from the same position as the others: triangulation angles are "
+          "below {} degrees",
+          options_.min_angle_deg);
     else
-      choice.reason =
-          fmt::format("no other image shares {} points with it", options_.min_shared_points);
+      choice.reason = fmt::format("no other image has {} or more points in common with it",
+                                  options_.min_shared_points);
   }
 
   // The angle between two sources, as seen from the middle of what the image sees.

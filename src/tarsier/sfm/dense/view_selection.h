@@ -20,7 +20,7 @@ struct ViewSelectionOptions {
   double depth_margin = 0.5;   // relative extension of the range of known depths, at both ends
 
   [[nodiscard]] OptionFields fields() {
-    return {{"views", views, range(1, 16), "--views", "images that each image is compared with"},
+    return {{"views", views, range(1, 16), "--views", "number of source images for each depth map"},
             {"good_angle_deg", good_angle_deg, inside(0, 90)},
             {"min_angle_deg", min_angle_deg, range(0, 45)},
             {"max_angle_deg", max_angle_deg, inside(0, 180)},

@@ -74,19 +74,20 @@ Workspace Workspace::open(const std::string& folder) {
   const fs::path path(folder);
   std::error_code ignored;
   if (!fs::is_directory(path, ignored))
-    throw InputError(printable(folder), "is no folder; 'tarsier sfm dense' makes one");
+    throw InputError(printable(folder), "is not a folder: make it with 'tarsier sfm dense'");
   if (!fs::is_directory(path / "sparse", ignored)) {
     throw InputError(printable(folder),
-                     "has no folder sparse/ and is none of 'tarsier sfm dense', nor of COLMAP's "
-                     "image_undistorter in text form");
+                     "contains no folder sparse/: expected a folder made by 'tarsier sfm dense', "
+                     "or by COLMAP's image_undistorter with a model in text format");
   }
   Model model = read_colmap((path / "sparse").string());
   for (const Image& image : model.images) {
     if (model.cameras[static_cast<std::size_t>(image.camera)].is_distorted()) {
-      throw InputError((path / "sparse" / "cameras.txt").string(),
-                       fmt::format("the camera of '{}' has a distortion, and dense "
-                                   "reconstruction reads undistorted images",
-                                   printable(image.name)));
+      throw InputError(
+          (path / "sparse" / "cameras.txt").string(),
+          fmt::format("the camera of '{}' has lens distortion, but dense reconstruction needs "
+                      "undistorted images: run 'tarsier sfm dense'",
+                      printable(image.name)));
     }
   }
   Workspace result;
@@ -126,8 +127,8 @@ cv::Mat Workspace::read_image(int index) const {
   cv::Mat pixels = read_stored_image(path);  // other programs copy EXIF to undistorted images
   const geometry::Camera& of = camera(index);
   if (pixels.cols != of.width || pixels.rows != of.height) {
-    throw InputError(path, fmt::format("has {}x{} px, its camera {}x{}", pixels.cols, pixels.rows,
-                                       of.width, of.height));
+    throw InputError(path, fmt::format("has {}x{} px, but its camera has {}x{} px", pixels.cols,
+                                       pixels.rows, of.width, of.height));
   }
   return pixels;
 }
@@ -139,10 +140,10 @@ bool Workspace::has_depth_map(int index, MapKind kind) const {
 DepthMap Workspace::read_depth_map(int index, MapKind kind) const {
   const std::string path = path_of_map(index, "depth_maps", kind);
   if (!is_file(path)) {
-    throw InputError(path,
-                     fmt::format("the depth map of '{}' is missing; run 'tarsier sfm dense' to its "
-                                 "end",
-                                 printable(name(index))));
+    throw InputError(
+        path, fmt::format(
+                  "the depth map of '{}' is missing: run 'tarsier sfm dense' again to complete it",
+                  printable(name(index))));
   }
   DepthMap map;
   map.depth = read_colmap_map(path, 1);
@@ -150,8 +151,8 @@ DepthMap Workspace::read_depth_map(int index, MapKind kind) const {
     const geometry::Camera& of = camera(index);
     const double proportion = static_cast<double>(map.depth.cols) / map.depth.rows * of.height;
     if (std::abs(proportion / of.width - 1) > 0.01) {
-      throw InputError(path, fmt::format("has {}x{} px, its camera {}x{}", map.depth.cols,
-                                         map.depth.rows, of.width, of.height));
+      throw InputError(path, fmt::format("has {}x{} px, but its camera has {}x{} px",
+                                         map.depth.cols, map.depth.rows, of.width, of.height));
     }
     return camera_of_map(of, map.depth.size());
   };
@@ -161,8 +162,9 @@ DepthMap Workspace::read_depth_map(int index, MapKind kind) const {
     if (!is_file(file)) return cv::Mat();
     cv::Mat numbers = read_colmap_map(file, channels);
     if (numbers.size() != map.depth.size()) {
-      throw InputError(file, fmt::format("has {}x{} px, the depth map {}x{}", numbers.cols,
-                                         numbers.rows, map.depth.cols, map.depth.rows));
+      throw InputError(file,
+                       fmt::format("has {}x{} px, but the depth map has {}x{} px", numbers.cols,
+                                   numbers.rows, map.depth.cols, map.depth.rows));
     }
     return numbers;
   };

@@ -345,10 +345,11 @@ std::optional<PositionedCameras> position_cameras(const PositioningProblem& prob
                                                   const std::stop_token& stop) {
   options.check();
   TARSIER_REQUIRE(!problem.first.empty() && problem.first.back() == problem.rays.size(),
-                  "{} rays of {} points", problem.rays.size(), problem.first.size());
+                  "{} rays, but the points refer to another number", problem.rays.size(),
+                  problem.first.size());
   for (std::size_t p = 0; p + 1 < problem.first.size(); ++p)
-    TARSIER_REQUIRE(problem.first[p] + 2 <= problem.first[p + 1], "point {} of fewer than two rays",
-                    p);
+    TARSIER_REQUIRE(problem.first[p] + 2 <= problem.first[p + 1],
+                    "point {} has fewer than two rays", p);
   for (const PositioningProblem::Ray& ray : problem.rays)
     TARSIER_REQUIRE(ray.camera >= 0 && ray.camera < problem.cameras, "camera {} of {}", ray.camera,
                     problem.cameras);

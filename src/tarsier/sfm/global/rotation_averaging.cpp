@@ -139,12 +139,12 @@ AveragedRotations average_rotations(int nodes, const std::vector<RelativeRotatio
   for (const RelativeRotation& edge : edges)
     TARSIER_REQUIRE(edge.first >= 0 && edge.second >= 0 && edge.first < nodes &&
                         edge.second < nodes && edge.first != edge.second && edge.weight > 0,
-                    "an edge from {} to {} of weight {} among {} nodes", edge.first, edge.second,
-                    edge.weight, nodes);
+                    "edge from {} to {} with weight {}, in a graph of {} nodes", edge.first,
+                    edge.second, edge.weight, nodes);
   AveragedRotations result;
   result.rotations = spanning_tree_rotations(nodes, edges);
   TARSIER_REQUIRE(nodes >= 2 && !result.rotations.empty(),
-                  "a graph of {} nodes that does not hang together", nodes);
+                  "the view graph of {} nodes is not connected", nodes);
   Averaging averaging(edges, result.rotations);
   const double sigma = options.sigma_deg * kRadians;
   std::vector<double> weights(edges.size());

@@ -61,8 +61,9 @@ std::vector<CycleSupport> check_cycles(int nodes, const std::vector<RelativeRota
   std::vector<std::vector<std::pair<int, int>>> next(at(nodes));
   for (std::size_t e = 0; e < edges.size(); ++e) {
     const auto [low, high] = std::minmax(edges[e].first, edges[e].second);
-    TARSIER_REQUIRE(low >= 0 && high < nodes && low != high, "an edge from {} to {} among {} nodes",
-                    edges[e].first, edges[e].second, nodes);
+    TARSIER_REQUIRE(low >= 0 && high < nodes && low != high,
+                    "edge from {} to {}, in a graph of {} nodes", edges[e].first, edges[e].second,
+                    nodes);
     next[at(low)].emplace_back(high, static_cast<int>(e));
   }
   for (auto& neighbours : next) std::sort(neighbours.begin(), neighbours.end());

@@ -40,8 +40,8 @@ Graph graph_of(int nodes, const std::vector<WeightedEdge>& edges) {
   for (const WeightedEdge& edge : edges) {
     TARSIER_REQUIRE(edge.first >= 0 && edge.first < nodes && edge.second >= 0 &&
                         edge.second < nodes && edge.first != edge.second,
-                    "the edge {} {} of {} nodes", edge.first, edge.second, nodes);
-    TARSIER_REQUIRE(edge.weight > 0 && std::isfinite(edge.weight), "the weight {}", edge.weight);
+                    "edge from {} to {}, in a graph of {} nodes", edge.first, edge.second, nodes);
+    TARSIER_REQUIRE(edge.weight > 0 && std::isfinite(edge.weight), "edge weight {}", edge.weight);
     graph[at(edge.first)].push_back({edge.second, edge.weight});
     graph[at(edge.second)].push_back({edge.first, edge.weight});
   }

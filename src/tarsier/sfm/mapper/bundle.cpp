@@ -74,10 +74,11 @@ BundleReport adjust(Model& model, const BundleOptions& options, const std::stop_
       again.focal = again.center = again.distortion = false;
       again.points = std::move(points);
       report = adjust(model, again, stop);
-      report.warning =
-          fmt::format("the focal length {:.4g} px came out, of a lens of {:.4g} px: it stays",
-                      after.fx, before.fx) +
-          (report.warning.empty() ? "" : "; " + report.warning);
+      report.warning = fmt::format(
+                           "the adjusted camera is implausible (focal length {:.4g} px): the "
+                           "camera with {:.4g} px stays unchanged",
+                           after.fx, before.fx) +
+                       (report.warning.empty() ? "" : "; " + report.warning);
       return report;
     }
     for (std::size_t lens = 0; lens < cameras.size(); ++lens)

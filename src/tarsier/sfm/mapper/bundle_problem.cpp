@@ -92,7 +92,9 @@ ModelProblem problem_of(const Model& model, const BundleOptions& options) {
     const Image& image = model.images[at(seen.image)];
     if (lens_of[at(image.camera)] < 0) {
       const geometry::Camera& camera = model.cameras[at(image.camera)];
-      TARSIER_REQUIRE(camera.lens == geometry::Lens::kPinhole, "a {} lens", name_of(camera.lens));
+      TARSIER_REQUIRE(camera.lens == geometry::Lens::kPinhole,
+                      "a camera has a {} lens, but bundle adjustment needs a pinhole camera",
+                      name_of(camera.lens));
       lens_of[at(image.camera)] = static_cast<int>(cameras.size());
       cameras.push_back(image.camera);
       problem.lenses.push_back(lens_parameters_of(camera));

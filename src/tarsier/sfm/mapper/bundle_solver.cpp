@@ -70,7 +70,7 @@ class Solver {
     now.costs = costs_of(problem_, now.state);
     now.sum = solution.cost_before = now.costs.sum();
     if (!std::isfinite(now.sum)) {
-      solution.error = "a point lies behind a camera that shows it, or is not finite";
+      solution.error = "a point is behind a camera that observes it, or is not finite";
       return solution;
     }
     double damping = kFirstDamping;
@@ -460,11 +460,12 @@ class Solver {
 };
 
 void check(const BundleProblem& problem) {
-  TARSIER_REQUIRE(problem.pose_moves.size() == problem.poses.size() &&
-                      problem.point_moves.size() == problem.points.size() &&
-                      problem.first.size() == problem.points.size() + 1,
-                  "a bundle of {} poses and {} points without a flag each, or a range",
-                  problem.poses.size(), problem.points.size());
+  TARSIER_REQUIRE(
+      problem.pose_moves.size() == problem.poses.size() &&
+          problem.point_moves.size() == problem.points.size() &&
+          problem.first.size() == problem.points.size() + 1,
+      "{} poses and {} points: each needs a flag, and each point a range of measurements",
+      problem.poses.size(), problem.points.size());
 }
 
 }  // namespace
@@ -496,7 +497,7 @@ std::vector<Vector2d> residuals_of(const BundleProblem& problem) {
 std::vector<std::vector<Vector3d>> centers_under_noise(BundleProblem problem, double sigma_px,
                                                        int samples, std::uint64_t seed) {
   check(problem);
-  TARSIER_REQUIRE(sigma_px >= 0 && samples >= 1, "{} samples of a noise of {} px", samples,
+  TARSIER_REQUIRE(sigma_px >= 0 && samples >= 1, "{} samples with a noise of {} px", samples,
                   sigma_px);
   problem.loss_px = 0;
   const BundleSolverOptions options;

@@ -179,7 +179,7 @@ PackedModel packed(const Model& model) {
 
 void unpack(const PackedModel& packed, Model& model) {
   TARSIER_REQUIRE(model.points.size() == static_cast<std::size_t>(packed.points),
-                  "{} points for {}", model.points.size(), packed.points);
+                  "{} points, expected {}", model.points.size(), packed.points);
   model.cameras = packed.cameras;
   for (std::size_t k = 0; k < packed.registered.size(); ++k) {
     Image& image = model.images[at(packed.registered[k])];

@@ -81,14 +81,15 @@ void check(const ColmapDatabase& database) {
   for (const auto& image : database.images) {
     TARSIER_REQUIRE(image.camera >= 0 && at(image.camera) < database.cameras.size(),
                     "camera {} of '{}'", image.camera, image.name);
-    TARSIER_REQUIRE(names.insert(image.name).second, "'{}' is there twice", image.name);
+    TARSIER_REQUIRE(names.insert(image.name).second, "the image name '{}' occurs twice",
+                    image.name);
     const Features& features = image.features;
     TARSIER_REQUIRE(
         features.descriptors.empty() ||
             (features.descriptors.type() == CV_8UC1 &&
              features.descriptors.cols == kDescriptorBytes &&
              at(features.descriptors.rows) == features.points.size() + features.owners.size()),
-        "descriptors of '{}' that are not SIFT's", image.name);
+        "the descriptors of '{}' are not SIFT descriptors, or their number is wrong", image.name);
   }
   for (const auto& pair : database.pairs) {
     TARSIER_REQUIRE(
@@ -99,7 +100,7 @@ void check(const ColmapDatabase& database) {
           match.first >= 0 && match.second >= 0 &&
               at(match.first) < database.images[at(pair.first)].features.points.size() &&
               at(match.second) < database.images[at(pair.second)].features.points.size(),
-          "features {} and {} of a match", match.first, match.second);
+          "a match of features {} and {}, which do not both exist", match.first, match.second);
   }
 }
 
@@ -260,7 +261,7 @@ class Reader {
       if (camera == cameras_.end()) fail(fmt::format("the camera of image {} is unknown", id));
       image.camera = camera->second;
       if (!images_.emplace(id, static_cast<int>(result_.images.size())).second)
-        fail(fmt::format("image {} is there twice", id));
+        fail(fmt::format("image {} occurs twice", id));
       result_.images.push_back(std::move(image));
     }
   }
@@ -269,7 +270,9 @@ class Reader {
     Statement row(file_, "SELECT image_id, rows, cols, data FROM keypoints ORDER BY image_id");
     while (row.step()) {
       const auto image = images_.find(row.integer(0));
-      if (image == images_.end()) fail(fmt::format("keypoints of image {}", row.integer(0)));
+      if (image == images_.end())
+        fail(
+            fmt::format("keypoints of image {}, which is not in the table images", row.integer(0)));
       const std::string what = fmt::format("keypoints of image {}", image->first);
       const std::int64_t columns = row.integer(2);
       if (columns != 2 && columns != 4 && columns != 6)
@@ -281,13 +284,13 @@ class Reader {
                             values[k + 1] - static_cast<float>(kColmapOffset));
         if (!(std::abs(p.x) < static_cast<float>(kMaxPixel)) ||
             !(std::abs(p.y) < static_cast<float>(kMaxPixel)))
-          fail(what + ": a place that is not in an image");
+          fail(what + ": a position is far outside the image");
         float sigma = columns == 4 ? values[k + 2] : 1;
         if (columns == 6)  // an affine shape: use the mean length of its columns
           sigma = (std::hypot(values[k + 2], values[k + 4]) +
                    std::hypot(values[k + 3], values[k + 5])) /
                   2;
-        if (!(sigma > 0 && sigma < 1e6F)) fail(what + ": a size that is not above 0");
+        if (!(sigma > 0 && sigma < 1e6F)) fail(what + ": a size is not above 0");
         features.points.push_back(p);
         features.sizes.push_back(2 * sigma);
       }
@@ -307,7 +310,9 @@ class Reader {
     int others = 0;
     while (row.step()) {
       const auto image = images_.find(row.integer(0));
-      if (image == images_.end()) fail(fmt::format("descriptors of image {}", row.integer(0)));
+      if (image == images_.end())
+        fail(fmt::format("descriptors of image {}, which is not in the table images",
+                         row.integer(0)));
       if (row.integer(4) != kSiftDescriptors) {
         ++others;
         continue;
@@ -315,7 +320,8 @@ class Reader {
       const std::string what = fmt::format("descriptors of image {}", image->first);
       Features& features = result_.images[at(image->second)].features;
       if (row.integer(1) != static_cast<std::int64_t>(features.points.size()))
-        fail(fmt::format("{}: {} of {} features", what, row.integer(1), features.points.size()));
+        fail(fmt::format("{}: {} descriptors for {} features", what, row.integer(1),
+                         features.points.size()));
       if (features.points.empty()) continue;
       if (row.integer(2) != kDescriptorBytes)
         fail(fmt::format("{}: {} columns, expected {}", what, row.integer(2), kDescriptorBytes));
@@ -325,8 +331,10 @@ class Reader {
                                  .clone();
     }
     if (others > 0)
-      log_warning("{}: the descriptors of {} of {} images are not SIFT: their matches are used",
-                  path_, others, images_.size());
+      log_warning(
+          "{}: the descriptors of {} of {} images are not SIFT and are ignored: only their stored "
+          "matches are used",
+          path_, others, images_.size());
   }
 
   void read_pairs(const std::string& table) {
@@ -349,7 +357,7 @@ class Reader {
         const std::uint32_t a = values[swap ? k + 1 : k];
         const std::uint32_t b = values[swap ? k : k + 1];
         if (a >= of_first || b >= of_second)
-          fail(what + ": a match of a feature that is not there");
+          fail(what + ": a match refers to a feature that does not exist");
         pair.matches.push_back({static_cast<int>(a), static_cast<int>(b)});
       }
       result_.pairs.push_back(std::move(pair));

@@ -174,7 +174,7 @@ TEST(ColmapDatabase, RefusesInconsistentTables) {
   EXPECT_THAT(error_after("UPDATE two_view_geometries SET pair_id = 5"), HasSubstr("unknown"));
   EXPECT_THAT(error_after("UPDATE two_view_geometries SET data = x'"
                           "ffffffff00000000ffffffff00000000ffffffff00000000'"),
-              HasSubstr("not there"));
+              HasSubstr("does not exist"));
 }
 
 TEST(ColmapDatabase, RefusesFilesThatAreNoDatabase) {

@@ -89,7 +89,7 @@ PoseTruth read_pose_truth(const std::string& path) {
     try {
       line = parse_json(text, path, kLineLimits);
     } catch (const InputError&) {
-      fail("is no JSON");
+      fail("is not JSON");
     }
     if (!line.is_object() || !line.contains("name") || !line["name"].is_string())
       fail("expected {\"name\", \"R\", \"C\"}");
@@ -99,12 +99,12 @@ PoseTruth read_pose_truth(const std::string& path) {
     if (r.empty() || (c.empty() && t.empty())) fail("\"R\" has 9 numbers, \"C\" or \"t\" 3");
     geometry::Rigid3 pose;
     pose.rotation = geometry::from_row_major(std::span(r).first<9>());
-    if (std::abs(pose.rotation.determinant() - 1) > 0.01) fail("\"R\" is no rotation");
+    if (std::abs(pose.rotation.determinant() - 1) > 0.01) fail("\"R\" is not a rotation matrix");
     pose.translation = Eigen::Vector3d((c.empty() ? t : c).data());
     if (!c.empty()) pose.translation = -(pose.rotation * pose.translation);
     truth[line["name"].get<std::string>()] = pose;
   }
-  if (truth.empty()) throw InputError(path, "holds no poses");
+  if (truth.empty()) throw InputError(path, "contains no poses");
   return truth;
 }
 
@@ -126,8 +126,8 @@ PoseScores evaluate_poses(const Model& model, const PoseTruth& truth, const std:
   const auto similarity =
       geometry::similarity_between(geometry::columns_of(from), geometry::columns_of(to));
   if (!similarity) {
-    throw InputError(name, fmt::format("{} images are in the truth too; three that do not "
-                                       "stand in a line are needed",
+    throw InputError(name, fmt::format("the model and the ground truth have {} images in common; "
+                                       "three whose positions are not collinear are needed",
                                        found.size()));
   }
   std::vector<double> errors;

@@ -79,7 +79,7 @@ Found found_in(const cv::Mat& gray, const FeatureOptions& options) {
 Features find_features(const cv::Mat& image, const FeatureOptions& options) {
   options.check();
   TARSIER_REQUIRE(!options.wide || options.kind == FeatureKind::kSift,
-                  "simulated views are of SIFT alone");
+                  "option 'wide' needs SIFT features");
   cv::Mat gray = gray_of(image);
   const double scale =
       std::min(1.0, std::sqrt(options.max_pixels / static_cast<double>(gray.total())));

@@ -211,9 +211,10 @@ void FlowTracker::add(const cv::Mat& image) {
                   "an image of type {}", image.type());
   TARSIER_REQUIRE(
       image.cols >= 64 && image.rows >= 64 && image.cols <= 32'000 && image.rows <= 32'000,
-      "an image of {} x {}", image.cols, image.rows);
-  TARSIER_REQUIRE(count_ == 0 || image.size() == size_, "an image of {} x {} after {} x {}",
-                  image.cols, image.rows, size_.width, size_.height);
+      "an image of {} x {} px", image.cols, image.rows);
+  TARSIER_REQUIRE(count_ == 0 || image.size() == size_,
+                  "an image of {} x {} px after one of {} x {} px", image.cols, image.rows,
+                  size_.width, size_.height);
   size_ = image.size();
   spacing_ = std::max(3.0, kCornerSpacingRatio *
                                std::sqrt(static_cast<double>(size_.area()) / options_.max_points));

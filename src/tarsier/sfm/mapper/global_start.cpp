@@ -178,8 +178,8 @@ class GlobalMapping {
       return support[e].cycles < kMinCycles || support[e].closed > 0;
     });
     start_.log.push_back(
-        fmt::format("global: {} images, {} pairs, {} of {} cycles of three close; {} pairs are in "
-                    "none that does and are left out",
+        fmt::format("global: view graph of {} images and {} pairs, {} of {} triplets are "
+                    "consistent; {} pairs without a consistent triplet are rejected",
                     total_, before, closed / 3, cycles / 3, before - edges_.size()));
   }
 
@@ -229,7 +229,7 @@ class GlobalMapping {
     for (int round = round_;; ++round) {
       keep_largest_component();
       if (nodes_.size() < 3 || static_cast<double>(nodes_.size()) < kMinShare * total_)
-        return refuse("only {} of {} images hang together by pairs that agree", nodes_.size(),
+        return refuse("only {} of {} images are connected by consistent pairs", nodes_.size(),
                       total_);
       AveragedRotations averaged =
           average_rotations(static_cast<int>(nodes_.size()), edges_of_nodes(), {}, stop_);
@@ -240,11 +240,11 @@ class GlobalMapping {
       const std::size_t before = edges_.size();
       keep_edges(PairRejection::kRotationError,
                  [&](std::size_t e) { return errors[e] <= kMaxRotationErrorDeg; });
-      start_.log.push_back(fmt::format(
-          "global: rotations of {} images, median error of {} pairs {:.3f} degrees; {} are off by "
-          "more than {} and are left out",
-          nodes_.size(), before, sorted[sorted.size() / 2], before - edges_.size(),
-          kMaxRotationErrorDeg));
+      start_.log.push_back(
+          fmt::format("global: rotations of {} images, median error of {} pairs {:.3f} degrees; {} "
+                      "pairs with an error above {} degrees are rejected",
+                      nodes_.size(), before, sorted[sorted.size() / 2], before - edges_.size(),
+                      kMaxRotationErrorDeg));
       if (edges_.size() == before || round == 3) return true;
       save_checkpoint(GlobalStartState::kRotations, round + 1);
     }
@@ -301,7 +301,7 @@ class GlobalMapping {
     }
     problem.first.push_back(problem.rays.size());
     const std::optional<PositionedCameras> positioned = position_cameras(problem, {}, stop_);
-    if (!positioned) return refuse("the cameras' positions are not determined");
+    if (!positioned) return refuse("the matches do not determine the camera positions");
     Model& model = start_.model;
     model.images = images_;
     for (Image& image : model.images) image.registered = false;
@@ -318,13 +318,14 @@ class GlobalMapping {
     std::vector<double> errors = positioned->errors;
     std::sort(errors.begin(), errors.end());
     const auto good = std::lower_bound(errors.begin(), errors.end(), kMaxSine) - errors.begin();
-    start_.log.push_back(fmt::format(
-        "global: positions of {} images and {} points in {} steps, median error of {} rays {:.3f} "
-        "degrees",
-        nodes_.size(), tracks_.size(), positioned->iterations, errors.size(),
-        std::asin(std::min(1.0, errors[errors.size() / 2])) * 180 / CV_PI));
+    start_.log.push_back(
+        fmt::format("global: positions of {} images and {} points after {} iterations, median "
+                    "error of {} rays {:.3f} degrees",
+                    nodes_.size(), tracks_.size(), positioned->iterations, errors.size(),
+                    std::asin(std::min(1.0, errors[errors.size() / 2])) * 180 / CV_PI));
     if (static_cast<double>(good) < kMinShare * static_cast<double>(errors.size()))
-      return refuse("only {} of {} rays come near their points", good, errors.size());
+      return refuse("only {} of {} viewing rays agree with the computed positions", good,
+                    errors.size());
     return true;
   }
 
@@ -370,7 +371,7 @@ class GlobalMapping {
       bundle.distortion = options_.refine_distortion && round.threshold < 5;
       const BundleReport report = adjust(model, bundle, stop_);
       if (!report.warning.empty())
-        start_.log.push_back(fmt::format("global: an adjustment: {}", report.warning));
+        start_.log.push_back(fmt::format("global: bundle adjustment: {}", report.warning));
       save_checkpoint(GlobalStartState::kAdjustment, static_cast<int>(k) + 1);
     }
     filter(options_.reprojection_px);
@@ -379,13 +380,16 @@ class GlobalMapping {
     observations = static_cast<std::size_t>(statistics.observations);
     for (const auto& track : tracks_) all += track.size();
     start_.log.push_back(
-        fmt::format("global: {} of {} images, {} of {} observations within {} px, {:.3f} px",
+        fmt::format("global: {} of {} images registered, {} of {} observations within {} px, "
+                    "reprojection error {:.3f} px",
                     statistics.registered, total_, observations, all, options_.reprojection_px,
                     statistics.reprojection_px));
     if (statistics.registered < 3 || statistics.registered < kMinShare * total_) {
-      refuse("only {} of {} images agree on positions", statistics.registered, total_);
+      refuse("only {} of {} images remain registered after bundle adjustment",
+             statistics.registered, total_);
     } else if (static_cast<double>(observations) < kMinShare * static_cast<double>(all)) {
-      refuse("only {} of {} observations agree with the model", observations, all);
+      refuse("only {} of {} observations agree with the model after bundle adjustment",
+             observations, all);
     }
     model.points.clear();
   }

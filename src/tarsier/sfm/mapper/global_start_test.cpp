@@ -5,6 +5,7 @@
 #include "tarsier/core/testing_long.h"
 #include "tarsier/geometry/sim3.h"
 #include "tarsier/sfm/mapper/open_loops.h"
+#include "tarsier/sfm/mapper/outcomes.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
 #include "tarsier/sfm/mapper/testing_centers.h"
 #include "tarsier/sfm/mapper/trust.h"
@@ -210,9 +211,8 @@ TEST(GlobalCheckpoints, LogsRefusalOnce) {
   };
   const Reconstruction whole = run(site, MapperChoice::kAuto, 20, hooks);
   const auto refusals = [](const std::vector<std::string>& log) {
-    return std::count_if(log.begin(), log.end(), [](const std::string& line) {
-      return line.find("global mapping refused") != std::string::npos;
-    });
+    return std::count_if(log.begin(), log.end(),
+                         [](const std::string& line) { return line.starts_with(kGlobalFailure); });
   };
   ASSERT_EQ(refusals(whole.log), 1);
   ASSERT_TRUE(kept && kept->start);
@@ -220,7 +220,7 @@ TEST(GlobalCheckpoints, LogsRefusalOnce) {
   kept->start->step = GlobalStartState::kRefused;
   for (const std::string& line : whole.log) {
     kept->log.push_back(line);
-    if (line.find("global mapping refused") != std::string::npos) break;
+    if (line.starts_with(kGlobalFailure)) break;
   }
   hooks.resume_from = kept;
   hooks.save_checkpoint = nullptr;
@@ -306,10 +306,10 @@ TEST(GlobalMapper, RefusesContradictingPairsWithReason) {
   }
   const Reconstruction built = run(site, MapperChoice::kGlobal);
   EXPECT_TRUE(built.models.empty());
-  EXPECT_THAT(built.no_model, HasSubstr("global mapping refused: only "));
-  EXPECT_THAT(built.outcomes[3].reason, HasSubstr("global mapping refused"));
+  EXPECT_THAT(built.no_model, HasSubstr("global mapping failed: only "));
+  EXPECT_THAT(built.outcomes[3].reason, HasSubstr("global mapping failed"));
   // Incremental mapping does not use the relative rotations after the first pair.
-  EXPECT_THAT(run(site, MapperChoice::kAuto, 20).log, testing::Contains(HasSubstr("start from")));
+  EXPECT_THAT(run(site, MapperChoice::kAuto, 20).log, testing::Contains(HasSubstr("initial pair")));
 }
 
 TEST(GlobalMapper, DoesNotFoldSymmetricObject) {
@@ -334,11 +334,10 @@ TEST(RepeatedStructureMapper, RemapsFoldedModel) {
     EXPECT_GE(registered(built), 76);
     EXPECT_LT(worst_center(built.models[0], site.site.poses), 0.005);
     EXPECT_GT(built.trust[0], 0.8);
-    EXPECT_THAT(built.log, testing::Contains(HasSubstr("lays different places over each other")));
-    EXPECT_TRUE(
-        std::any_of(built.refused.begin(), built.refused.end(), [](const RefusedPair& pair) {
-          return pair.reason.find("lays different places") != std::string::npos;
-        }));
+    EXPECT_THAT(built.log, testing::Contains(HasSubstr("superimposes different places")));
+    EXPECT_TRUE(std::any_of(
+        built.refused.begin(), built.refused.end(),
+        [](const RefusedPair& pair) { return pair.rejection == PairRejection::kModelConflict; }));
   }
 }
 
@@ -414,7 +413,7 @@ TEST(RepeatedStructureMapper, ResumesAfterConflictingModel) {
   const Reconstruction whole = mapped();
   const auto conflict = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
     return std::any_of(state.log.begin(), state.log.end(), [](const std::string& line) {
-      return line.find("lays different") != std::string::npos;
+      return line.find("superimposes different places") != std::string::npos;
     });
   });
   ASSERT_NE(conflict, states.end());
@@ -450,7 +449,7 @@ TEST(RepeatedStructureMapper, InterruptionReturnsConflictingModel) {
   const Reconstruction built = run(site, MapperChoice::kIncremental, 250, hooks,
                                    StopsAtSecondMapping(stop), stop.get_token());
   EXPECT_TRUE(built.interrupted);
-  ASSERT_THAT(built.log, testing::Contains(HasSubstr("lays different places over each other")));
+  ASSERT_THAT(built.log, testing::Contains(HasSubstr("superimposes different places")));
   ASSERT_EQ(built.models.size(), 1U);
   EXPECT_EQ(registered(built), 80);
   EXPECT_LT(built.trust[0], 0.5);
@@ -476,9 +475,9 @@ TEST(LoopClosure, GlobalMappingClosesOpenLoop) {
   hooks.save_interval_s = 0;
   const auto mapped = [&] { return run(site, MapperChoice::kIncremental, 250, hooks); };
   const Reconstruction whole = mapped();
-  EXPECT_THAT(whole.log, testing::Contains(HasSubstr("pairs open")));
-  EXPECT_THAT(whole.log, testing::Contains(HasSubstr("the second is kept")));
-  EXPECT_THAT(whole.log, testing::Contains(HasSubstr("start from")));
+  EXPECT_THAT(whole.log, testing::Contains(HasSubstr("does not close its loops")));
+  EXPECT_THAT(whole.log, testing::Contains(HasSubstr("the global model is used")));
+  EXPECT_THAT(whole.log, testing::Contains(HasSubstr("initial pair")));
   EXPECT_EQ(registered(whole), 200);
   EXPECT_LT(worst_center(whole.models[0], site.site.poses), 0.02);
 

@@ -130,9 +130,10 @@ cv::Mat read_input_image(const Input& input, const PipelineOptions& options,
   image_features.lens = lens_of(image_features.size, focal_px_of(exif, image_features.size),
                                 image_features.turns, options);
   if (options.camera && std::string_view(image_features.lens.source) != "given") {
-    log_warning("{}: {}x{} px, and the given camera is of {}x{}: its lens is taken from {}",
-                input.path, image.cols, image.rows, options.camera->width, options.camera->height,
-                is_guess(image_features.lens) ? "the pairs" : "EXIF");
+    log_warning(
+        "{}: the image has {}x{} px, but the given camera has {}x{} px: the focal length is {}",
+        input.path, image.cols, image.rows, options.camera->width, options.camera->height,
+        is_guess(image_features.lens) ? "estimated from matches" : "taken from EXIF");
   }
   image_features.body = exif.camera;
   return image;
@@ -270,10 +271,10 @@ std::vector<std::string> ImageSet::estimate_focal_lengths(std::vector<Pair>& pai
   std::vector<char> is_new = is_estimated_;
   for (const FocalEstimate& found : sfm::estimate_focal_lengths(
            cameras_, is_guess_, images_, pairs, options_.two_view.threshold_px, stop)) {
-    lines.push_back(fmt::format(
-        "focal length of camera {}: {:.0f} px by the epipolar geometry of {} pairs, {:.0f} px was "
-        "guessed",
-        found.camera, found.focal_px, found.pairs, cameras_[at(found.camera)].fx));
+    lines.push_back(
+        fmt::format("focal length of camera {}: {:.0f} px from the epipolar geometry of {} pairs, "
+                    "the initial guess was {:.0f} px",
+                    found.camera, found.focal_px, found.pairs, cameras_[at(found.camera)].fx));
     set_focal(found.camera, found.focal_px);
     is_new[at(found.camera)] = 1;
   }
@@ -297,8 +298,8 @@ std::vector<std::string> ImageSet::adopt_focal_lengths(const std::vector<Model>&
       const double focal = model.cameras[c].fx;
       if (!(std::abs(std::log(focal / cameras_[c].fx)) > min_change)) continue;
       lines.push_back(
-          fmt::format("the focal length of camera {} is {:.0f} px in a model, {:.0f} px was taken",
-                      c, focal, cameras_[c].fx));
+          fmt::format("focal length of camera {}: {:.0f} px in a model, {:.0f} px was assumed", c,
+                      focal, cameras_[c].fx));
       set_focal(static_cast<int>(c), focal);
       is_new[c] = 1;
     }

@@ -166,7 +166,7 @@ void IncrementalMapper::adjust_model(BundleOptions options, const std::stop_toke
   const BundleReport report = adjust(model_, options, stop);
   if (!report.warning.empty()) {
     warnings_.push_back(
-        fmt::format("an adjustment of {} images and {} observations: {}",
+        fmt::format("bundle adjustment of {} images and {} observations: {}",
                     options.images.empty() ? at(registered_) : options.images.size(),
                     report.residuals, report.warning));
   }
@@ -239,7 +239,8 @@ bool IncrementalMapper::start(const Pair& pair, const std::stop_token& stop, std
                    angles.end());
   const double angle = angles.empty() ? 0 : angles[angles.size() / 2] / kRadians;
   if (angles.size() >= kMinPoints && angle >= 0.5 * options_.first_angle_deg) return true;
-  why = fmt::format("only {} points, {:.1f} degrees between their rays", angles.size(), angle);
+  why = fmt::format("rejected, only {} points with a triangulation angle of {:.1f} degrees",
+                    angles.size(), angle);
   first.registered = second.registered = false;
   registered_ = 0;
   for (Point& point : model_.points) point = {};
@@ -262,7 +263,7 @@ bool IncrementalMapper::add(int image, const std::stop_token& stop, std::string&
   const geometry::Camera& camera = model_.cameras[at(entry.camera)];
   const auto seen = visible(image);
   if (static_cast<int>(seen.size()) < options_.pose_inliers) {
-    why = fmt::format("sees {} points of the model, {} are needed", seen.size(),
+    why = fmt::format("only {} 2D-3D correspondences with the model, {} are needed", seen.size(),
                       options_.pose_inliers);
     return false;
   }
@@ -275,7 +276,8 @@ bool IncrementalMapper::add(int image, const std::stop_token& stop, std::string&
   }
   const auto pose = pose_of(positions, pixels, camera);
   if (!pose) {
-    why = fmt::format("no pose fits the {} points that it should see", seen.size());
+    why =
+        fmt::format("no camera pose fits the {} 2D-3D correspondences with the model", seen.size());
     return false;
   }
   entry.pose = *pose;
@@ -286,8 +288,9 @@ bool IncrementalMapper::add(int image, const std::stop_token& stop, std::string&
       at(options_.pose_inliers),
       static_cast<std::size_t>(options_.pose_inlier_share * static_cast<double>(seen.size())));
   if (inliers.size() < needed) {
-    why = fmt::format("{} of {} points agree on a pose, {} are needed", inliers.size(), seen.size(),
-                      needed);
+    why =
+        fmt::format("{} of {} 2D-3D correspondences are inliers of the camera pose, {} are needed",
+                    inliers.size(), seen.size(), needed);
     return false;
   }
   adjust_pose(entry.pose, camera, inliers, options_.reprojection_px / 2);

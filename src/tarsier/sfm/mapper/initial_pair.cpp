@@ -40,13 +40,15 @@ std::vector<const Pair*> best_pairs(const std::vector<Pair>& pairs, std::size_t 
 }
 
 std::string why_not_registered(const Pair* best, const std::vector<Image>& images, int image) {
-  if (best == nullptr) return "was compared with no other image";
+  if (best == nullptr) return "the image was not matched with any other image";
   const std::string& name = images[at(best->first == image ? best->second : best->first)].name;
   if (best->view.inliers.empty())
-    return fmt::format("too few matches: at most {}, with {}, and no geometry fits them",
+    return fmt::format("too few matches: at most {}, with {}, and no two-view geometry fits them",
                        best->matches, name);
-  return fmt::format("its best pair, {} inliers with {}, is no good start and joins no model",
-                     best->view.inliers.size(), name);
+  return fmt::format(
+      "the best pair of this image has {} inliers, with {}: the pair cannot start a model, and the "
+      "image cannot be registered in an existing model",
+      best->view.inliers.size(), name);
 }
 
 std::string why_no_initial_pair(const std::vector<Pair>& pairs, const std::vector<Image>& images,
@@ -58,24 +60,29 @@ std::string why_no_initial_pair(const std::vector<Pair>& pairs, const std::vecto
     if (best_by_matches == nullptr || pair.matches > best_by_matches->matches)
       best_by_matches = &pair;
   }
-  if (best == nullptr) return "there are no two images to compare";
+  if (best == nullptr)
+    return "there is no image pair to match: two or more readable images are needed";
   if (best->view.inliers.empty())
-    return fmt::format("no two images show enough of the same: at most {} matches ({} and {})",
-                       best_by_matches->matches, images[at(best_by_matches->first)].name,
-                       images[at(best_by_matches->second)].name);
+    return fmt::format(
+        "too few matches in all image pairs: at most {} ({} and {}): take images with more overlap",
+        best_by_matches->matches, images[at(best_by_matches->first)].name,
+        images[at(best_by_matches->second)].name);
   const auto inliers = static_cast<double>(best->view.inliers.size());
   const std::string names =
       fmt::format("the best pair, {} and {}, has {} inliers", images[at(best->first)].name,
                   images[at(best->second)].name, best->view.inliers.size());
   if (inliers < options.first_inliers)
-    return fmt::format("{}, a start needs {}", names, options.first_inliers);
+    return fmt::format("{}, but an initial pair needs {}: take images with more overlap", names,
+                       options.first_inliers);
   if (best->view.homography_inliers > 0.9 * inliers)
     return fmt::format(
-        "{}, and one plane or a camera that only turned explains {:.0f} % of them: move the camera "
-        "sideways between images",
+        "{}, but a homography explains {:.0f} % of them (a flat scene, or a camera that only "
+        "rotated): move the camera sideways between images",
         names, 100 * best->view.homography_inliers / inliers);
-  return fmt::format("{}, but its rays differ by only {:.1f} degrees: move the camera sideways",
-                     names, best->view.median_angle / kRadians);
+  return fmt::format(
+      "{}, but their triangulation angle is only {:.1f} degrees: move the camera sideways between "
+      "images",
+      names, best->view.median_angle / kRadians);
 }
 
 }  // namespace tarsier::sfm

@@ -68,13 +68,13 @@ class JoinedMapping {
     for (const MappedPart& part : mapped_.parts) {
       TARSIER_REQUIRE(part.model.images.size() == input_.images.size() &&
                           part.model.cameras.size() == input_.cameras.size(),
-                      "{}: {} images, {} are expected", part.name, part.model.images.size(),
+                      "{}: {} images, expected {}", part.name, part.model.images.size(),
                       input_.images.size());
     }
     TARSIER_REQUIRE(mapped_.reasons.empty() || mapped_.reasons.size() == input_.images.size(),
-                    "{} reasons of {} images", mapped_.reasons.size(), input_.images.size());
+                    "{} reasons for {} images", mapped_.reasons.size(), input_.images.size());
     for (const std::size_t k : mapped_.refused_pairs)
-      TARSIER_REQUIRE(k < input_.pairs.size(), "the pair {} of {}", k, input_.pairs.size());
+      TARSIER_REQUIRE(k < input_.pairs.size(), "pair {} of {}", k, input_.pairs.size());
   }
 
   // Images that another model has.
@@ -114,17 +114,17 @@ class JoinedMapping {
       if (input_.release_memory) input_.release_memory();
     };
     hooks.attempted = [&](int image, bool added, const std::string& why) {
-      if (added) made_.log.push_back(fmt::format("add {}", input_.images[at(image)].name));
+      if (added) made_.log.push_back(fmt::format("registered {}", input_.images[at(image)].name));
       made_.outcomes[at(image)].reason = why;
     };
     hooks.warning = [&](std::string line) { made_.log.push_back(std::move(line)); };
     grow(mapper, is_elsewhere, growth, hooks, stop_);
     model = mapper.finished(input_.colors);
     if (const int left_out = keep_largest_part(model); left_out > 0)
-      made_.log.push_back(fmt::format(
-          "{} images are left out of a joined model: too few points that two others show say where "
-          "they are",
-          left_out));
+      made_.log.push_back(
+          fmt::format("{} images are removed from a joined model: they share too few points with "
+                      "two or more other images",
+                      left_out));
   }
 
   // For an input without pairs: only the models are known.
@@ -141,7 +141,7 @@ class JoinedMapping {
         outcome.reason.clear();
       }
     }
-    if (made_.models.empty()) made_.no_model = "no part has a model";
+    if (made_.models.empty()) made_.no_model = "none of the parts has a model";
   }
 
   const MapperInput& input_;

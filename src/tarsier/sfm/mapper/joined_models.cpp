@@ -180,9 +180,9 @@ class Builder {
       for (std::size_t m = 0; m < members.size() && joined.images[i].registered; ++m) {
         const Image& given = models_[at(members[m])].images[i];
         if (given.registered && !is_near(given, root_from_models[m], joined.images[i], extent))
-          drop_image(
-              joined, static_cast<int>(i),
-              fmt::format("it lies elsewhere in {} than in another part", names_[at(members[m])]));
+          drop_image(joined, static_cast<int>(i),
+                     fmt::format("its camera pose in {} differs from that in another part",
+                                 names_[at(members[m])]));
       }
     }
   }
@@ -235,7 +235,7 @@ class Builder {
 
   void log_adjustment(const BundleReport& report) {
     if (!report.warning.empty())
-      log_.push_back(fmt::format("the adjustment of a joined model: {}", report.warning));
+      log_.push_back(fmt::format("bundle adjustment of a joined model: {}", report.warning));
   }
 
   void keep_connected_part(Model& joined) {
@@ -245,7 +245,7 @@ class Builder {
     for (std::size_t i = 0; i < was.size(); ++i)
       if (was[i] != 0 && !joined.images[i].registered)
         drop_image(joined, static_cast<int>(i),
-                   "too few points that two others show say where it is");
+                   "it shares too few points with two or more other images");
   }
 
   const std::vector<Model>& models_;
@@ -264,7 +264,8 @@ void require_same_images(const std::vector<Model>& models) {
     for (std::size_t i = 0; i < model.images.size(); ++i)
       TARSIER_REQUIRE(model.images[i].name == first.images[i].name &&
                           model.images[i].camera == first.images[i].camera,
-                      "image {} is '{}' and '{}'", i, first.images[i].name, model.images[i].name);
+                      "image {} is named '{}' and '{}'", i, first.images[i].name,
+                      model.images[i].name);
   }
 }
 
@@ -304,7 +305,7 @@ std::vector<ModelJoin> neighbours_of(const std::vector<Model>& models) {
 JoinedModels join_models(const std::vector<Model>& models, const std::vector<std::string>& names,
                          const JoinOptions& options, const MapperOptions& mapper,
                          const std::stop_token& stop) {
-  TARSIER_REQUIRE(names.size() == models.size(), "{} names of {} models", names.size(),
+  TARSIER_REQUIRE(names.size() == models.size(), "{} names for {} models", names.size(),
                   models.size());
   JoinedModels result;
   if (models.empty()) return result;
@@ -331,7 +332,8 @@ JoinedModels join_models(const std::vector<Model>& models, const std::vector<std
     if (group.size() == 1) {
       made.push_back(models[at(group.front())]);
       if (models.size() > 1)
-        result.log.push_back(fmt::format("{} is joined to nothing", names[at(group.front())]));
+        result.log.push_back(
+            fmt::format("{} is not joined to any other model", names[at(group.front())]));
       continue;
     }
     std::vector<Sim3> root_from_models;

@@ -63,7 +63,7 @@ class MappedStore::File {
   [[nodiscard]] const char* make(const std::string& folder) {
     std::string path = folder + "/features-XXXXXX";
     file_ = ::mkostemp(path.data(), O_CLOEXEC);
-    if (file_ < 0) return "no file can be made";
+    if (file_ < 0) return "cannot create a file";
     ::unlink(path.c_str());
     return nullptr;
   }
@@ -72,7 +72,7 @@ class MappedStore::File {
     if (chunks_.empty() || filled_ + bytes > chunks_.back().size) {
       if (const char* failed = map_next(bytes)) return failed;
     }
-    if (!write_all(file_, data, bytes, size_)) return "the file cannot be written";
+    if (!write_all(file_, data, bytes, size_)) return "cannot write the file";
     address = static_cast<const std::uint8_t*>(chunks_.back().data) + filled_;
     const std::size_t padded_bytes = rounded_up(bytes, kAlignment);
     filled_ = std::min(filled_ + padded_bytes, chunks_.back().size);
@@ -96,7 +96,7 @@ class MappedStore::File {
     const std::size_t offset = rounded_up(size_, page_size());
     const std::size_t length = std::max(kChunk, bytes);
     void* data = ::mmap(nullptr, length, PROT_READ, MAP_SHARED, file_, static_cast<off_t>(offset));
-    if (data == MAP_FAILED) return "a file cannot be mapped into memory";
+    if (data == MAP_FAILED) return "cannot map the file into memory";
     chunks_.push_back({data, length});
     filled_ = 0;
     size_ = offset;
@@ -160,7 +160,8 @@ void MappedStore::trim() {
   if (left <= limit_) return;
   warned_ = true;
   log_warning(
-      "the limit of memory, {} MB, is too low: {} MB are taken up without what lies on disk",
+      "the memory limit of {} MB is too low: {} MB are in use in addition to the data on disk; set "
+      "a higher limit",
       limit_ / 1'000'000, left / 1'000'000);
 }
 

@@ -70,8 +70,8 @@ TEST(MappedStore, WarnsOnceAboveMemoryLimit) {
   store.trim();
   store.trim();
   const std::string output = ::testing::internal::GetCapturedStderr();
-  EXPECT_NE(output.find("limit of memory"), std::string::npos) << output;
-  EXPECT_EQ(output.find("limit of memory"), output.rfind("limit of memory")) << output;
+  EXPECT_NE(output.find("memory limit"), std::string::npos) << output;
+  EXPECT_EQ(output.find("memory limit"), output.rfind("memory limit")) << output;
 }
 
 TEST(MappedStore, LeavesNoFileBehind) {

@@ -51,9 +51,9 @@ struct RoughRound {
   double loss_px = 0.5;
 };
 constexpr RoughRound kRoughRounds[] = {{16, 8}, {8, 4}, {4, 2}, {2, 1}};
-const std::string kStartRefusal = "the start model is refused: ";
-const std::string kConflictMarker = " lays different places over each other";
-const std::string kStaysOpenMarker = ": the first is kept";
+const std::string kStartRefusal = "the start model is rejected: ";
+const std::string kConflictMarker = " superimposes different places";
+const std::string kStaysOpenMarker = ": the incremental model is used";
 
 class Mapping {
  public:
@@ -214,7 +214,7 @@ class Mapping {
         return true;
       }
       mapper_.reset();
-      result_.log.push_back(fmt::format("{}{}", kGlobalRefusal, start.refusal));
+      result_.log.push_back(fmt::format("{}{}", kGlobalFailure, start.refusal));
       global_start_.reset();
       if (options_.choice != MapperChoice::kGlobal) {
         // Prevents another attempt and log line after resuming from a checkpoint.
@@ -226,7 +226,7 @@ class Mapping {
       for (const std::size_t k : pairs_of[root]) rejections_[k] = PairRejection::kBadInitialPair;
       for (std::size_t i = 0; i < input_.images.size(); ++i)
         if (components.root(static_cast<int>(i)) == root)
-          result_.outcomes[i].reason = fmt::format("{}{}", kGlobalRefusal, start.refusal);
+          result_.outcomes[i].reason = fmt::format("{}{}", kGlobalFailure, start.refusal);
     }
     return false;
   }
@@ -294,11 +294,11 @@ class Mapping {
     }
     const bool is_exact = start_.explained_share >= kMinExactShare;
     result_.log.push_back(fmt::format(
-        "start model: {} of {} images have poses that agree with their matches, of which {:.0f} % "
-        "of {} are within {} px of their epipolar lines{}",
+        "start model: {} of {} images have poses that agree with their matches; {:.0f} % of the {} "
+        "matches are within {} px of their epipolar lines{}",
         start_.accepted, start_.given_poses, 100 * start_.explained_share, start_.matches,
         options_.reprojection_px,
-        is_exact || input_.start->fixed ? "" : ": the poses are rough, and adjusted first"));
+        is_exact || input_.start->fixed ? "" : ": the poses are inexact and are adjusted first"));
     try {
       Components components = this->components();
       make_mapper(components, components.root(first));
@@ -337,10 +337,10 @@ class Mapping {
     const auto enough = static_cast<int>(std::count_if(
         shown.begin(), shown.end(), [&](int points) { return points >= options_.pose_inliers; }));
     if (enough >= 2 && 2 * enough >= start_.accepted) return true;
-    result_.log.push_back(
-        fmt::format("{}{} of {} images show {} points or more within {} px{}", kStartRefusal,
-                    enough, start_.accepted, options_.pose_inliers, options_.reprojection_px,
-                    input_.start->fixed ? "; poses that stay have to be exact" : ""));
+    result_.log.push_back(fmt::format(
+        "{}only {} of {} images observe {} or more points with a reprojection error below {} px{}",
+        kStartRefusal, enough, start_.accepted, options_.pose_inliers, options_.reprojection_px,
+        input_.start->fixed ? "; fixed poses must be exact" : ""));
     return false;
   }
 
@@ -409,11 +409,12 @@ class Mapping {
         throw;
       }
       result_.log.push_back(fmt::format(
-          "start from {} and {} ({} inliers, {:.1f} degrees, {:.0f} % of one plane): {}",
+          "initial pair {} and {} ({} inliers, triangulation angle {:.1f} degrees, {:.0f} % "
+          "explained by a homography): {}",
           input_.images[at(pair.first)].name, input_.images[at(pair.second)].name,
           pair.view.inliers.size(), pair.view.median_angle / kRadians,
           100.0 * pair.view.homography_inliers / static_cast<double>(pair.view.inliers.size()),
-          started ? "good" : why));
+          started ? "accepted" : why));
       log_warnings();
       if (started) {
         begin_growing();
@@ -426,29 +427,30 @@ class Mapping {
   }
 
   void grow() {
-    sfm::grow(*mapper_, excluded_images(), growth_,
-              {.step =
-                   [&] {
-                     if (input_.release_memory) input_.release_memory();
-                     save_checkpoint_if_due();
-                   },
-               .attempted =
-                   [&](int image, bool added, const std::string& why) {
-                     if (added) {
-                       result_.log.push_back(fmt::format("add {}", input_.images[at(image)].name));
-                       progress_.advance();
-                     }
-                     result_.outcomes[at(image)].reason = why;
-                   },
-               .warning = [&](std::string line) { result_.log.push_back(std::move(line)); }},
-              stop_);
+    sfm::grow(
+        *mapper_, excluded_images(), growth_,
+        {.step =
+             [&] {
+               if (input_.release_memory) input_.release_memory();
+               save_checkpoint_if_due();
+             },
+         .attempted =
+             [&](int image, bool added, const std::string& why) {
+               if (added) {
+                 result_.log.push_back(fmt::format("registered {}", input_.images[at(image)].name));
+                 progress_.advance();
+               }
+               result_.outcomes[at(image)].reason = why;
+             },
+         .warning = [&](std::string line) { result_.log.push_back(std::move(line)); }},
+        stop_);
     Model model = mapper_->finished(input_.colors);
     mapper_.reset();
     // A model grown image by image is always connected.
     if (const int left_out = is_global_ ? keep_largest_part(model) : 0; left_out > 0) {
       result_.log.push_back(
-          fmt::format("{} images are left out of a model: too few points that two of its {} others "
-                      "show say where they are",
+          fmt::format("{} images are removed from a model: they share too few points with two or "
+                      "more of its other {} images",
                       left_out, statistics_of(model).registered));
     }
     if (input_.start) {
@@ -486,7 +488,7 @@ class Mapping {
   bool has_open_loops(const Model& model) {
     if (is_global_ || options_.choice == MapperChoice::kGlobal) return false;
     if (std::any_of(result_.log.begin(), result_.log.end(),
-                    [](const std::string& line) { return line.starts_with(kGlobalRefusal); }))
+                    [](const std::string& line) { return line.starts_with(kGlobalFailure); }))
       return false;  // tried already
     const std::vector<const Pair*> open = open_loops(model, remaining_pairs());
     if (open.empty()) return false;
@@ -495,8 +497,8 @@ class Mapping {
           return a->view.inliers.size() < b->view.inliers.size();
         });
     result_.log.push_back(fmt::format(
-        "a model of {} images leaves {} pairs open ({} and {} have {} inliers): it is "
-        "set aside, and its images are mapped globally",
+        "a model of {} images does not close its loops: {} verified pairs contradict it (the "
+        "strongest is {} and {}, with {} inliers); its images are mapped globally",
         statistics_of(model).registered, open.size(), input_.images[at(strongest.first)].name,
         input_.images[at(strongest.second)].name, strongest.view.inliers.size()));
     progress_.begin("reconstruct", static_cast<std::int64_t>(input_.images.size()), "images");
@@ -512,9 +514,8 @@ class Mapping {
     const double before = agreeing_inliers(with_open_loops, remaining);
     const double after = agreeing_inliers(global, remaining);
     result_.log.push_back(fmt::format(
-        "the model that was set aside agrees with {:.0f} inliers, the one made globally with "
-        "{:.0f}{}",
-        before, after, after > before ? ": the second is kept" : kStaysOpenMarker));
+        "inliers that agree with the incremental model: {:.0f}, with the global model: {:.0f}{}",
+        before, after, after > before ? ": the global model is used" : kStaysOpenMarker));
     if (!(after > before)) {
       loop_stays_open_ = true;
       return with_open_loops;
@@ -551,11 +552,11 @@ class Mapping {
     // Pairs that contradicted the wrong ones may be right.
     clear_cycle_rejections();
     ++conflict_rounds_;
-    result_.log.push_back(fmt::format(
-        "a model of {} images{} ({} near images contradict each other): {} pairs are refused, "
-        "and it is made again",
-        statistics_of(model).registered, kConflictMarker, conflicts->pairs().size(),
-        refused.size()));
+    result_.log.push_back(
+        fmt::format("a model of {} images{} ({} pairs of nearby images contradict each other): {} "
+                    "matched pairs are rejected, and the images are mapped again",
+                    statistics_of(model).registered, kConflictMarker, conflicts->pairs().size(),
+                    refused.size()));
     progress_.begin("reconstruct", static_cast<std::int64_t>(input_.images.size()), "images");
     return true;
   }
@@ -781,7 +782,7 @@ ExtendedModel extend_model(const Model& before, const MapperInput& input,
   const std::vector<Image>& images = input.images;
   TARSIER_REQUIRE(
       before.images.size() <= images.size() && before.cameras.size() <= input.cameras.size(),
-      "{} images after {}", images.size(), before.images.size());
+      "{} images, but the model before has {}", images.size(), before.images.size());
   Model all;
   all.images = images;
   all.cameras = input.cameras;

@@ -79,8 +79,9 @@ struct RefusedPair {
   int second = 0;
   int inliers = 0;
   std::string reason;
-  // kNone: it is weak, or its patches differ (strong_pairs.h)
+  // kNone: rejected by its few inliers or by its patches (strong_pairs.h)
   PairRejection rejection = PairRejection::kNone;
+  bool patches_differ = false;  // see PatchRejection
 };
 
 // The result for an image.

@@ -62,7 +62,7 @@ std::vector<std::int32_t> first_points_at_positions(const Features& features) {
   for (const std::int32_t owner : features.owners)
     first_points.push_back(first_points[static_cast<std::size_t>(owner)]);
   TARSIER_REQUIRE(static_cast<int>(first_points.size()) == features.descriptors.rows,
-                  "{} descriptors of {} points", features.descriptors.rows, first_points.size());
+                  "{} descriptors for {} points", features.descriptors.rows, first_points.size());
   return first_points;
 }
 
@@ -100,7 +100,7 @@ std::vector<Match> match_features(const cv::Mat& first, const cv::Mat& second, F
   if (ratios != nullptr) ratios->clear();
   if (first.empty() || second.empty()) return {};
   TARSIER_REQUIRE(first.type() == CV_8UC1 && second.type() == CV_8UC1 && first.cols == second.cols,
-                  "descriptors of {} and {} columns", first.cols, second.cols);
+                  "descriptors with {} and {} columns", first.cols, second.cols);
   const std::vector<std::uint8_t> a = bytes_of(first, kind);
   const std::vector<std::uint8_t> b = bytes_of(second, kind);
   const int depth = first.cols * (kind == FeatureKind::kSift ? 1 : 8);
@@ -130,7 +130,7 @@ std::vector<Match> match_features(const Features& first, const Features& second,
   if (first.descriptors.empty() || second.descriptors.empty()) return {};
   TARSIER_REQUIRE(first.descriptors.type() == CV_8UC1 && second.descriptors.type() == CV_8UC1 &&
                       first.descriptors.cols == second.descriptors.cols,
-                  "descriptors of {} and {} columns", first.descriptors.cols,
+                  "descriptors with {} and {} columns", first.descriptors.cols,
                   second.descriptors.cols);
   const std::vector<std::int32_t> first_points_a = first_points_at_positions(first);
   const std::vector<std::int32_t> first_points_b = first_points_at_positions(second);

@@ -130,8 +130,8 @@ std::string ModelGroups::contradiction_of(const ModelJoin& join) const {
   const double share = distance / count / std::max(1e-300, extent_of(centers));
   if (angle <= kMaxLoopDeg && scale <= kMaxLoopLogScale && share <= kMaxLoopShare) return {};
   return fmt::format(
-      "it contradicts joins of more points: {:.1f} degrees, a scale of {:.2f}, {:.1f} % of the "
-      "extent",
+      "it contradicts joins with more common points: the rotations differ by {:.1f} degrees, the "
+      "scales by a factor of {:.2f}, the positions by {:.1f} % of the extent",
       angle, std::exp(scale), 100 * share);
 }
 

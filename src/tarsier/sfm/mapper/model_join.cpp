@@ -99,7 +99,7 @@ class JoinEstimator {
       const Image& a = first_.images[at(image)];
       const Image& b = second_.images[at(image)];
       if (!has_same_features(a, b))
-        return fmt::format("the features of '{}' are not the same in both", a.name);
+        return fmt::format("'{}' has different features in the two models", a.name);
       if (!is_finite(a.pose) || !is_finite(b.pose))
         return fmt::format("the pose of '{}' is not finite", a.name);
     }
@@ -121,21 +121,20 @@ class JoinEstimator {
       join_.inliers = support.second;
       join_.first_from_second = *candidate;
     }
-    if (!is_found) return "no similarity takes the points of one to those of the other";
+    if (!is_found) return "no similarity transformation aligns the points of the two models";
     measure();
     if (join_.inliers < options_.min_inlier_share * join_.points)
-      return fmt::format("{} of {} points in common lie at the same place, {:.0f} % are needed",
+      return fmt::format("{} of {} points in common coincide after alignment, {:.0f} % are needed",
                          join_.inliers, join_.points, 100 * options_.min_inlier_share);
     if (join_.agreeing <
         std::max<double>(options_.min_images, options_.min_image_share * join_.images - 1e-9))
       return fmt::format(
-          "{} of {} images in common have the same pose in both ({:.1f} degrees between them at "
-          "the "
-          "median), {:.0f} % and {} are needed",
+          "{} of {} images in common have the same pose in both models (median difference {:.1f} "
+          "degrees); {:.0f} %, and {} or more images, are needed",
           join_.agreeing, join_.images, join_.rotation_deg, 100 * options_.min_image_share,
           options_.min_images);
     if (!(join_.scale_error <= options_.max_scale_error))
-      return fmt::format("the scale is known to {:.1f} %, {:.1f} % are needed",
+      return fmt::format("the standard error of the scale is {:.1f} %, at most {:.1f} % is allowed",
                          100 * join_.scale_error, 100 * options_.max_scale_error);
     return {};
   }

@@ -254,7 +254,7 @@ TEST(ModelJoin, RefusesMirroredPiece) {
     image.pose.translation = -(image.pose.rotation * center);
   }
   const JoinedModels joined = join({piece(whole, range_of(0, 30), 1), second});
-  EXPECT_THAT(joined.joins[0].refusal, HasSubstr("points in common lie at the same place"));
+  EXPECT_THAT(joined.joins[0].refusal, HasSubstr("points in common coincide after alignment"));
   EXPECT_EQ(joined.models.size(), 2U);
 }
 
@@ -276,7 +276,7 @@ TEST(ModelJoin, RefusesFoldedPiece) {
   JoinOptions options;
   options.min_inlier_share = 0.2;
   EXPECT_THAT(find_join(piece(whole, range_of(0, 25), 1), second, options).refusal,
-              HasSubstr("have the same pose in both"));
+              HasSubstr("have the same pose in both models"));
 }
 
 TEST(ModelJoin, RefusesOtherFeaturesAndNonFiniteNumbers) {
@@ -286,12 +286,12 @@ TEST(ModelJoin, RefusesOtherFeaturesAndNonFiniteNumbers) {
   Model second = good;
   second.images[20].features[5].x += 0.5F;
   EXPECT_EQ(find_join(first, second).refusal,
-            "the features of 'image-20' are not the same in both");
+            "'image-20' has different features in the two models");
   second = good;
   second.images[20].features.pop_back();
   second.images[20].points.pop_back();
   EXPECT_EQ(find_join(first, second).refusal,
-            "the features of 'image-20' are not the same in both");
+            "'image-20' has different features in the two models");
   second = good;
   second.images[21].pose.translation.x() = NAN;
   EXPECT_EQ(find_join(first, second).refusal, "the pose of 'image-21' is not finite");
@@ -330,13 +330,13 @@ TEST(ModelJoin, RefusesJoinThatContradictsOthers) {
       join({piece(whole, range_of(0, 15), 1), piece(whole, range_of(5, 32), 2), third});
   ASSERT_EQ(joined.joins.size(), 3U);
   EXPECT_EQ(joined.joins[0].refusal, "");
-  EXPECT_THAT(joined.joins[1].refusal, HasSubstr("contradicts joins of more points"));
+  EXPECT_THAT(joined.joins[1].refusal, HasSubstr("contradicts joins with more common points"));
   EXPECT_EQ(joined.joins[2].refusal, "");
   ASSERT_EQ(joined.models.size(), 1U);
   // Nothing determines the poses of the images of both the first and the third piece.
   EXPECT_EQ(registered(joined.models[0]), 34);
   EXPECT_EQ(joined.left_out.size(), 6U);
-  EXPECT_THAT(joined.left_out.at(3), HasSubstr("it lies elsewhere in part"));
+  EXPECT_THAT(joined.left_out.at(3), HasSubstr("its camera pose in part"));
   const std::vector<geometry::Rigid3> truth = poses_of(whole);
   EXPECT_LT(worst_center(joined.models[0], truth),
             1.2 * worst_center(piece(whole, range_of(6, 40), 4), truth));

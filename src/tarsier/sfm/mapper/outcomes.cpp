@@ -47,7 +47,7 @@ std::string why_no_model(const MapperInput& input, const MapperOptions& options,
                          const std::vector<std::string>& log) {
   if (options.choice == MapperChoice::kGlobal) {
     const auto refused = std::find_if(log.begin(), log.end(), [](const std::string& line) {
-      return line.starts_with(kGlobalRefusal);
+      return line.starts_with(kGlobalFailure);
     });
     if (refused != log.end()) return *refused;
   }
@@ -57,16 +57,17 @@ std::string why_no_model(const MapperInput& input, const MapperOptions& options,
 std::string why_refused(PairRejection rejection, const PairEvidence& evidence) {
   switch (rejection) {
     case PairRejection::kOpenCycles:
-      return "no cycle of three pairs that it is in closes";
+      return "the relative rotations are inconsistent in every triplet of images that contains the "
+             "pair";
     case PairRejection::kRotationError:
-      return "its rotation contradicts that of the other pairs";
+      return "its relative rotation contradicts those of the other pairs";
     case PairRejection::kModelConflict:
-      return "with it the model lays different places over each other";
+      return "a model with this pair superimposes different places";
     default:
       return fmt::format(
-          "of {:.0f} features that tell places apart and should be in both, {} are: the images "
-          "look alike, but show different places",
-          evidence.expected, evidence.found);
+          "{} of {:.0f} distinctive features that are expected in both images were found in both: "
+          "the images look alike, but show different places",
+          evidence.found, evidence.expected);
   }
 }
 
@@ -146,7 +147,7 @@ void add_outcomes(const MapperInput& input, const MapperOptions& options,
     }
     if (outcome.registered || !outcome.reason.empty()) continue;
     outcome.reason = made.interrupted
-                         ? "the work was interrupted before it was tried"
+                         ? "the run was interrupted before the image was processed"
                          : why_not_registered(best[i], input.images, static_cast<int>(i));
   }
 }

@@ -14,8 +14,8 @@
 // Internal to the mapper: the results for models, images and pairs, once the models are made.
 namespace tarsier::sfm {
 
-// Start of the log line with the reason why images were not mapped globally.
-inline constexpr std::string_view kGlobalRefusal = "global mapping refused: ";
+// Start of the log line with the reason why global mapping failed.
+inline constexpr std::string_view kGlobalFailure = "global mapping failed: ";
 
 // Sorts the models of `made`, largest first, drops too small ones, and sets the refused pairs, the
 // outcome of each image and the trust of each model. `evidence` and `rejections`: for each pair of

@@ -341,7 +341,7 @@ std::vector<ImagePair> read_pairs_list(const std::string& path,
   std::error_code error;
   const std::filesystem::file_status status = std::filesystem::status(path, error);
   if (!std::filesystem::exists(status)) throw InputError(path, "no such file");
-  if (!std::filesystem::is_regular_file(status)) throw InputError(path, "is no regular file");
+  if (!std::filesystem::is_regular_file(status)) throw InputError(path, "is not a regular file");
   std::ifstream stream(path, std::ios::binary);
   if (!stream) throw InputError(path, "cannot read");
   std::map<std::string_view, int> indices;
@@ -381,11 +381,12 @@ std::vector<ImagePair> read_pairs_list(const std::string& path,
       const std::string_view second = next_word(rest);
       if (second.empty()) fail("expected the names of two images");
       if (!trimmed(rest).empty())
-        fail(fmt::format("'{}' are no names of two images", printable(line.substr(0, 200))));
+        fail(fmt::format("'{}' does not name two images: expected two image names per line",
+                         printable(line.substr(0, 200))));
       const std::string_view unknown = indices.count(first) == 0 ? first : second;
-      fail(fmt::format("no image is called '{}'", printable(unknown.substr(0, 200))));
+      fail(fmt::format("no image is named '{}'", printable(unknown.substr(0, 200))));
     }
-    if (found.size() > 1) fail("names with spaces in them, and more than one way to read them");
+    if (found.size() > 1) fail("the line is ambiguous, because image names contain spaces");
     if (found.begin()->first == found.begin()->second)
       fail(fmt::format("'{}' is paired with itself",
                        printable(names[static_cast<std::size_t>(found.begin()->first)])));
@@ -467,9 +468,9 @@ double Retrieval::similarity(int first, int second) const {
 std::vector<ImagePair> Retrieval::pairs(const KnownPositions& positions) const {
   const int images = count();
   TARSIER_REQUIRE(positions.empty() || static_cast<int>(positions.size()) == images,
-                  "{} places of {} images", positions.size(), images);
+                  "{} positions for {} images", positions.size(), images);
   for (const auto& position : positions)
-    TARSIER_REQUIRE(!position || position->allFinite(), "a place that is not finite");
+    TARSIER_REQUIRE(!position || position->allFinite(), "a position is not finite");
   const int blocks = (images + kRows - 1) / kRows;
   std::vector<std::vector<ImagePair>> of_block(static_cast<std::size_t>(blocks));
   cv::parallel_for_(cv::Range(0, blocks), [&](const cv::Range& range) {

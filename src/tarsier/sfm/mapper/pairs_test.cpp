@@ -77,14 +77,15 @@ TEST_F(PairsList, IsRead) {
 
 TEST_F(PairsList, ErrorsNameTheLine) {
   EXPECT_EQ(reprojection_error("a.jpg b.jpg\n\na.jpg nowhere.jpg\n"),
-            ": line 3: no image is called 'nowhere.jpg'");
-  EXPECT_EQ(reprojection_error("c.jpg b.jpg"), ": line 1: no image is called 'c.jpg'");
+            ": line 3: no image is named 'nowhere.jpg'");
+  EXPECT_EQ(reprojection_error("c.jpg b.jpg"), ": line 1: no image is named 'c.jpg'");
   EXPECT_EQ(reprojection_error("#\na.jpg\n"), ": line 2: expected the names of two images");
-  EXPECT_EQ(reprojection_error("a.jpg b.jpg 17\n"),
-            ": line 1: 'a.jpg b.jpg 17' are no names of two images");
+  EXPECT_EQ(
+      reprojection_error("a.jpg b.jpg 17\n"),
+      ": line 1: 'a.jpg b.jpg 17' does not name two images: expected two image names per line");
   EXPECT_EQ(reprojection_error("a.jpg a.jpg\n"), ": line 1: 'a.jpg' is paired with itself");
   EXPECT_EQ(reprojection_error("x y z\n"),
-            ": line 1: names with spaces in them, and more than one way to read them");
+            ": line 1: the line is ambiguous, because image names contain spaces");
   EXPECT_NE(
       reprojection_error("a.jpg b.jpg\n" + std::string(100'000, 'a')).find(": line 2: longer"),
       std::string::npos);

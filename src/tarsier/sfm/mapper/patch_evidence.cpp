@@ -399,11 +399,10 @@ std::vector<PatchRejection> rejections_by_patches(const std::vector<Pair>& pairs
          3 * neighbour_rejections < 2 * others))
       continue;
     ++rejected;
-    rejections[k] = {
-        fmt::format("of {} patches that both images should show, {} differ: the images "
-                    "look alike, but show different places",
-                    compared, evidence[k].differ),
-        true};
+    rejections[k] = {fmt::format("of {} compared image patches, {} differ: the images look alike, "
+                                 "but show different places",
+                                 compared, evidence[k].differ),
+                     true};
   }
   if (static_cast<double>(rejected) < kMinRejectedShare * static_cast<double>(differs.size()))
     return std::vector<PatchRejection>(pairs.size());
@@ -415,7 +414,8 @@ std::vector<PatchRejection> rejections_by_patches(const std::vector<Pair>& pairs
         compared >= kMinComparedRatio * common_max)
       continue;
     rejections[k].reason = fmt::format(
-        "only {} patches could be compared, and other places of this scene look alike", compared);
+        "only {} patches could be compared: too few, because other places of this scene look alike",
+        compared);
   }
   return rejections;
 }

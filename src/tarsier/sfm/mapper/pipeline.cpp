@@ -116,7 +116,7 @@ class KnownFeatures {
     const auto found = index_.find(input.name);
     if (found == index_.end())
       throw InputError(input.path.empty() ? input.name : input.path,
-                       fmt::format("{} has no image of this name", path_));
+                       fmt::format("{} contains no image with this name", path_));
     auto& known = database_.images[at(found->second)];
     const auto& camera = database_.cameras[at(known.camera)];
     if (image.empty()) {
@@ -124,10 +124,12 @@ class KnownFeatures {
       if (options.camera) features.lens = {*options.camera, "given"};
     } else if (camera.camera.width != image.cols || camera.camera.height != image.rows)
       throw InputError(
-          input.path, fmt::format("{}x{} px, but in {} it has {}x{}", image.cols, image.rows, path_,
-                                  camera.camera.width, camera.camera.height));
+          input.path,
+          fmt::format("the image has {}x{} px, but its camera in {} has {}x{} px", image.cols,
+                      image.rows, path_, camera.camera.width, camera.camera.height));
     if (camera.camera.lens != geometry::Lens::kPinhole)
-      throw InputError(path_, fmt::format("a {} lens: reconstruction needs a pinhole camera",
+      throw InputError(path_, fmt::format("a camera has a {} lens, but reconstruction needs a "
+                                          "pinhole camera: undistort the images first",
                                           geometry::name_of(camera.camera.lens)));
     if (!options.camera)
       features.lens = {camera.camera, camera.is_focal_known ? "database" : "guess"};
@@ -204,12 +206,12 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
     ImageFeatures image_features;
     image_features.input = static_cast<int>(i);
     if (options.only_start && !start->has(inputs[i].name)) {
-      report.outcome.reason = "is not in the start model";
+      report.outcome.reason = "the image is not in the start model";
       progress.advance();
       continue;
     }
     try {
-      TARSIER_REQUIRE(known || !inputs[i].path.empty(), "image {} without a file", inputs[i].name);
+      TARSIER_REQUIRE(known || !inputs[i].path.empty(), "image '{}' has no file", inputs[i].name);
       const cv::Mat image =
           inputs[i].path.empty() ? cv::Mat() : read_input_image(inputs[i], options, image_features);
       if (known) {
@@ -220,10 +222,12 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
         if (!images.empty() && image.size() != images.front().size)
           throw InputError(
               inputs[i].path,
-              fmt::format("{}x{}, but the sequence began with {}x{}", image.cols, image.rows,
-                          images.front().size.width, images.front().size.height));
+              fmt::format(
+                  "the image has {}x{} px, but the first image of the sequence has {}x{} px",
+                  image.cols, image.rows, images.front().size.width, images.front().size.height));
         if (image.cols < 64 || image.rows < 64)
-          throw InputError(inputs[i].path, "too small to follow points in");
+          throw InputError(inputs[i].path,
+                           "the image is too small for optical flow: 64x64 px or more are needed");
         if (!is_known) tracker.add(image);
         image_features.key = cache_key(fmt::format("{} {}", flow_name, images.size()));
       } else if (find_image_features(image, options, cache, image_features)) {
@@ -373,7 +377,7 @@ std::string mapper_key(const std::vector<ImageFeatures>& images,
                        const PipelineOptions& options) {
   const MapperOptions& m = options.mapper;
   Sha256 sum;
-  sum.add(fmt::format("mapper-15 {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
+  sum.add(fmt::format("mapper-16 {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
                       static_cast<int>(m.choice), m.auto_global, m.reprojection_px, m.min_angle_deg,
                       m.first_angle_deg, m.first_inliers, m.pose_inliers, m.pose_inlier_share,
                       m.pose_px, m.min_views, m.min_images, m.extend_px, m.extend_similarity,
@@ -443,11 +447,11 @@ Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bo
     return !lines.empty();
   };
   try {
-    if (take(kMinRemapChange, "mapped again with it")) {
+    if (take(kMinRemapChange, "the images are mapped again with it")) {
       Reconstruction second = map(Round::kRemap);
       if (!second.interrupted) return better_of(std::move(made), std::move(second));
       made.interrupted = true;
-    } else if (take(kMinReevaluateChange, "pairs are judged with it")) {
+    } else if (take(kMinReevaluateChange, "the pairs are evaluated again with it")) {
       Reconstruction reevaluated = map(Round::kReevaluate);
       if (reevaluated.interrupted) made.interrupted = true;
       if (reevaluated.interrupted || reevaluated.models.empty()) return made;
@@ -471,15 +475,19 @@ void PipelineOptions::check() const {
   two_view.check();
   mapper.check();
   TARSIER_REQUIRE(!features.wide || features.kind == FeatureKind::kSift,
-                  "simulated views are of SIFT alone");
-  TARSIER_REQUIRE(!features.wide || (database.empty() && !flow),
-                  "simulated views, but no features are found in images");
-  TARSIER_REQUIRE(memory_gb >= 0 && memory_gb <= 1024, "{} GB of memory", memory_gb);
-  TARSIER_REQUIRE(database.empty() || !flow, "a database and points that are followed");
+                  "option 'wide' needs SIFT features");
+  TARSIER_REQUIRE(
+      !features.wide || (database.empty() && !flow),
+      "option 'wide' needs feature detection: not possible with a database or optical flow");
+  TARSIER_REQUIRE(memory_gb >= 0 && memory_gb <= 1024, "option 'memory_gb' is {}: expected 0..1024",
+                  memory_gb);
+  TARSIER_REQUIRE(database.empty() || !flow, "a database and optical flow exclude each other");
   TARSIER_REQUIRE(start_model.empty() || mapper.choice != MapperChoice::kGlobal,
-                  "a start model, and all images at once");
-  TARSIER_REQUIRE(!start_model.empty() || !(fixed_poses || only_start), "no start model");
-  TARSIER_REQUIRE(pairs != PairChoice::kList || !pairs_file.empty(), "no list of pairs");
+                  "a start model is not possible with global mapping");
+  TARSIER_REQUIRE(!start_model.empty() || !(fixed_poses || only_start),
+                  "options 'fixed_poses' and 'only_start' need a start model");
+  TARSIER_REQUIRE(pairs != PairChoice::kList || !pairs_file.empty(),
+                  "no file with the image pairs");
   if (camera) {
     geometry::Camera sized = *camera;
     if (sized.width == 0) sized.width = sized.height = 1;
@@ -622,7 +630,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
       try {
         cache.store(checkpoint, state);
       } catch (const OutputError& error) {
-        if (!warned) log_warning("no checkpoint: {}", error.what());
+        if (!warned) log_warning("cannot write a checkpoint: {}", error.what());
         warned = true;
       }
     };

@@ -157,9 +157,8 @@ TEST_F(PipelineTest, DetailsDistinguishSimilarSides) {
     EXPECT_LT(score.center_mean, 0.005 * score.extent);
   }
   EXPECT_GE(registered, 20);
-  EXPECT_TRUE(std::any_of(built.refused.begin(), built.refused.end(), [](const RefusedPair& pair) {
-    return pair.reason.find("patches that both images should show") != std::string::npos;
-  }));
+  EXPECT_TRUE(std::any_of(built.refused.begin(), built.refused.end(),
+                          [](const RefusedPair& pair) { return pair.patches_differ; }));
 }
 
 // Nothing is known of the lens. The pairs are verified with a guessed focal length, and still agree
@@ -188,9 +187,9 @@ TEST_F(PipelineTest, TrustsModelWithAdoptedFocalLength) {
     double focal_px;
     const char* line;
   };
-  for (const Case& given :
-       {Case{8, 30, 240, "mapped again with it"}, Case{5, 45, 420, "pairs are judged with it"},
-        Case{8, 35, 320, "start from"}, Case{8, 31, 320, "start from"}}) {
+  for (const Case& given : {Case{8, 30, 240, "the images are mapped again with it"},
+                            Case{5, 45, 420, "the pairs are evaluated again with it"},
+                            Case{8, 35, 320, "initial pair"}, Case{8, 31, 320, "initial pair"}}) {
     synth::SceneOptions scene = small_scene(given.images);
     scene.trajectory = synth::Trajectory::kRing;
     scene.seed = given.seed;
@@ -228,7 +227,7 @@ TEST_F(PipelineTest, ReportsUnreadableImage) {
   const PipelineResult result = run(inputs, options());
   ASSERT_EQ(result.reconstruction.models.size(), 1U);
   EXPECT_FALSE(result.images[1].read);
-  EXPECT_THAT(summary_text(result), HasSubstr("missing: broken.jpg: "));
+  EXPECT_THAT(summary_text(result), HasSubstr("not registered: broken.jpg: "));
   EXPECT_TRUE(result.images[2].outcome.registered);
 }
 

@@ -193,9 +193,9 @@ std::string summary_text(const PipelineResult& result) {
         m, statistics.registered, result.images.size(), built.models[m].points.size(),
         statistics.mean_track, statistics.reprojection_px);
     if (m < built.trust.size() && built.trust[m] < 0.5)
-      text +=
-          fmt::format("model {}: weakly supported by the images (trust {:.2f}): see report.json\n",
-                      m, built.trust[m]);
+      text += fmt::format(
+          "model {}: the images support it only weakly (trust {:.2f}): see report.json\n", m,
+          built.trust[m]);
     const CenterUncertainty* uncertainty = uncertainty_of(built, m);
     if (uncertainty != nullptr && uncertainty->worst >= kUncertain)
       text += fmt::format(
@@ -210,10 +210,11 @@ std::string summary_text(const PipelineResult& result) {
                           built.parts[static_cast<std::size_t>(join.first)],
                           built.parts[static_cast<std::size_t>(join.second)], join.refusal);
   if (!built.refused.empty())
-    text += fmt::format("{} pairs were refused (report.json says why)\n", built.refused.size());
+    text += fmt::format("{} image pairs were rejected: see \"refused\" in report.json\n",
+                        built.refused.size());
   for (const ImageReport& report : result.images)
     if (!report.outcome.registered)
-      text += fmt::format("missing: {}: {}\n", report.name, report.outcome.reason);
+      text += fmt::format("not registered: {}: {}\n", report.name, report.outcome.reason);
   text += "seconds:";
   for (const StageTime& stage : result.stages)
     text += fmt::format(" {} {:.1f}", stage.name, stage.seconds);

@@ -369,8 +369,8 @@ std::vector<Vector2d> moved(const std::vector<Vector2d>& points, const Matrix3d&
 void check(const PointPairs& pairs, const RobustOptions& options) {
   TARSIER_REQUIRE(pairs.first.size() == pairs.second.size() &&
                       (pairs.order.empty() || pairs.order.size() == pairs.first.size()),
-                  "{} points and {}, {} in order", pairs.first.size(), pairs.second.size(),
-                  pairs.order.size());
+                  "{} points in one image, {} in the other, {} in the order", pairs.first.size(),
+                  pairs.second.size(), pairs.order.size());
   options.check();
 }
 

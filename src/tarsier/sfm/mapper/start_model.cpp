@@ -87,28 +87,28 @@ StartModel::StartModel(const std::string& folder, const std::vector<Input>& inpu
     const std::string names =
         model_.images.empty() || inputs.empty()
             ? ""
-            : fmt::format(" (a name there: '{}'; here: '{}')", printable(model_.images[0].name),
-                          printable(inputs[0].name));
-    throw InputError(folder, fmt::format("of the {} images of this model {} {} among the inputs by "
+            : fmt::format(" (a name in the model: '{}'; in the inputs: '{}')",
+                          printable(model_.images[0].name), printable(inputs[0].name));
+    throw InputError(folder, fmt::format("{} of the {} images of this model {} among the inputs by "
                                          "name, two or more are needed{}",
-                                         summary_.images, summary_.in_inputs,
+                                         summary_.in_inputs, summary_.images,
                                          summary_.in_inputs == 1 ? "is" : "are", names));
   }
   for (const auto& [name, i] : index_) {
     const geometry::Camera& camera = model_.cameras[at(model_.images[at(i)].camera)];
     if (camera.lens != geometry::Lens::kPinhole) {
-      throw InputError(folder,
-                       fmt::format("'{}' has a {} lens: reconstruction needs a pinhole camera",
-                                   printable(name), geometry::name_of(camera.lens)));
+      throw InputError(folder, fmt::format("'{}' has a {} lens, but reconstruction needs a pinhole "
+                                           "camera: undistort the images first",
+                                           printable(name), geometry::name_of(camera.lens)));
     }
   }
   if (summary_.in_inputs < summary_.images) {
     const auto missing =
         std::find_if(model_.images.begin(), model_.images.end(),
                      [&](const Image& image) { return !index_.contains(image.name); });
-    log_warning("{}: {} of {} images of this model are not among the inputs, as '{}' (left out)",
-                folder, summary_.images - summary_.in_inputs, summary_.images,
-                printable(missing->name));
+    log_warning(
+        "{}: {} of {} images of this model are not among the inputs, for example '{}' (left out)",
+        folder, summary_.images - summary_.in_inputs, summary_.images, printable(missing->name));
   }
 }
 
@@ -123,8 +123,8 @@ void StartModel::check_size(const Input& input, cv::Size size) const {
   const geometry::Camera& camera = model_.cameras[at(image->camera)];
   if (camera.width == size.width && camera.height == size.height) return;
   throw InputError(input.path.empty() ? input.name : input.path,
-                   fmt::format("{}x{} px, but in {} it has {}x{}", size.width, size.height, folder_,
-                               camera.width, camera.height));
+                   fmt::format("the image has {}x{} px, but its camera in {} has {}x{} px",
+                               size.width, size.height, folder_, camera.width, camera.height));
 }
 
 std::vector<char> StartModel::set_lenses(const std::vector<Input>& inputs,
@@ -184,7 +184,7 @@ StartCheck check_start(const StartPoses& start, const MapperInput& input,
                        const std::vector<char>& is_refused, double reprojection_px,
                        const std::stop_token& stop) {
   const std::size_t count = input.images.size();
-  TARSIER_REQUIRE(start.poses.size() == count, "{} poses of {} images", start.poses.size(), count);
+  TARSIER_REQUIRE(start.poses.size() == count, "{} poses for {} images", start.poses.size(), count);
   StartCheck check;
   check.fits.assign(count, 0);
   check.reasons.resize(count);
@@ -217,13 +217,12 @@ StartCheck check_start(const StartPoses& start, const MapperInput& input,
     if (worst < 0) break;
     check.fits[at(worst)] = 0;
     const Support& support = all[at(worst)];
-    check.reasons[at(worst)] =
-        support.matches == 0
-            ? "has no matches with other images of the start model"
-            : fmt::format(
-                  "its pose in the start model contradicts its matches: {} of {} are of "
-                  "pairs that agree with it",
-                  support.agreeing, support.matches);
+    check.reasons[at(worst)] = support.matches == 0
+                                   ? "the image has no matches with other images of the start model"
+                                   : fmt::format(
+                                         "its pose in the start model contradicts its matches: {} "
+                                         "of {} matches are in pairs that agree with the pose",
+                                         support.agreeing, support.matches);
   }
   for (const char fits : check.fits) check.accepted += fits;
   std::size_t explained = 0;
@@ -237,12 +236,11 @@ StartCheck check_start(const StartPoses& start, const MapperInput& input,
   if (check.matches > 0)
     check.explained_share = static_cast<double>(explained) / static_cast<double>(check.matches);
   if (with_pairs < 2) {
-    check.refusal =
-        fmt::format("no two of its {} images have matches that verify", check.given_poses);
+    check.refusal = fmt::format("no pair of its {} images has verified matches", check.given_poses);
   } else if (check.accepted < 2 || 2 * check.accepted < with_pairs) {
     check.refusal = fmt::format(
-        "it contradicts the matches: the poses of {} of its {} images agree with those of the "
-        "others",
+        "it contradicts the matches: the poses of only {} of its {} images agree with their "
+        "matches",
         check.accepted, check.given_poses);
   }
   return check;

@@ -223,7 +223,8 @@ TEST_F(StartPosesTest, ContradictingOnesAreRefused) {
   for (const StartPoses& start : {mirrored, mixed, random}) {
     const Reconstruction made = run(start);
     EXPECT_TRUE(made.models.empty());
-    EXPECT_THAT(made.no_model, HasSubstr("the start model is refused: it contradicts the matches"));
+    EXPECT_THAT(made.no_model,
+                HasSubstr("the start model is rejected: it contradicts the matches"));
     EXPECT_EQ(made.start_images, check(start).accepted);
   }
 }
@@ -234,7 +235,7 @@ TEST_F(StartPosesTest, WithoutMatchesAreRefused) {
     if (pair.first < 4 && pair.second < 4) pair.view.inliers = {};
   const Reconstruction made = run(first(4));
   EXPECT_TRUE(made.models.empty());
-  EXPECT_THAT(made.no_model, HasSubstr("no two of its 4 images have matches"));
+  EXPECT_THAT(made.no_model, HasSubstr("no pair of its 4 images has verified matches"));
 }
 
 TEST_F(StartPosesTest, ResumeFromCheckpoint) {
@@ -367,7 +368,7 @@ TEST_F(StartModelTest, ErrorsNameUnusableFolders) {
   EXPECT_THAT(message(path("nothing"), {{"1.jpg", "b"}, {"2.jpg", "c"}}), HasSubstr("cameras.txt"));
   write_colmap(path("model"), model());
   EXPECT_THAT(message(path("model"), {{"1.jpg", "b"}, {"x.jpg", "c"}}),
-              HasSubstr("of the 4 images of this model 1 is among the inputs by name"));
+              HasSubstr("1 of the 4 images of this model is among the inputs by name"));
   Model fisheye = model();
   fisheye.cameras[1].lens = geometry::Lens::kFisheye;
   write_colmap(path("fisheye"), fisheye);

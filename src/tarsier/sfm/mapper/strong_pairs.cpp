@@ -139,8 +139,8 @@ Reconstruction better_of(Reconstruction first, Reconstruction second) {
   std::vector<std::string> log = std::move(first.log);
   log.insert(log.end(), second.log.begin(), second.log.end());
   log.push_back(
-      fmt::format("score of the models: {:.1f} before, {:.1f} then: the {} models are kept", before,
-                  after, is_better ? "second" : "first"));
+      fmt::format("score of the models: first {:.1f}, second {:.1f}; the {} models are used",
+                  before, after, is_better ? "second" : "first"));
   const int resumed = first.resumed;
   Reconstruction kept = std::move(is_better ? second : first);
   kept.resumed = resumed;
@@ -152,7 +152,7 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
                                       const std::vector<PatchRejection>& rejections,
                                       std::size_t images, const MapPairs& map) {
   std::vector<std::string> log{
-      "the models still lay different places over each other: mapped again"};
+      "the models still superimpose different places: the images are mapped again"};
   std::vector<Pair> remaining = pairs;
   for (std::size_t k = 0; k < pairs.size(); ++k)
     if (rejections[k]) remaining[k].view.inliers = {};
@@ -168,7 +168,8 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
     std::vector<Pair> strong = strong_pairs(remaining, images, share);
     Reconstruction attempt = map(strong);
     log.push_back(
-        fmt::format("from pairs of {} times the inliers of the strongest: {} models, score {:.1f}",
+        fmt::format("mapping with pairs of at least {} times the inliers of the strongest pair: {} "
+                    "models, score {:.1f}",
                     share, attempt.models.size(), score_of(attempt)));
     const double score = score_without_shapes(attempt);
     if (score < min_score_ratio * last) break;
@@ -185,12 +186,14 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
     best = std::move(all);
     used = std::move(supported);
   }
-  const std::string reason = "it is weak, and models of stronger pairs do not agree with it";
+  const std::string reason =
+      "the pair has few inliers, and the models from stronger pairs do not agree with it";
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const Pair& pair = pairs[k];
     if (pair.view.inliers.empty() || !used[k].view.inliers.empty()) continue;
     best.refused.push_back({pair.first, pair.second, static_cast<int>(pair.view.inliers.size()),
-                            rejections[k] ? rejections[k].reason : reason});
+                            rejections[k] ? rejections[k].reason : reason, PairRejection::kNone,
+                            rejections[k].patches_differ});
   }
   best.log.insert(best.log.begin(), log.begin(), log.end());
   return best;

@@ -92,15 +92,13 @@ void add_folder(const std::string& folder, const std::string& output, std::set<s
   const auto deep = std::count_if(found.begin(), found.end(), [](const std::string& name) {
     return name.find('/') != std::string::npos;
   });
-  if (deep > 0)
-    log_info("{}: {} of {} images lie in folders within it", folder, deep, found.size());
+  if (deep > 0) log_info("{}: {} of {} images are in subfolders", folder, deep, found.size());
 }
 
 std::vector<std::string> frames_of_video(const std::string& video, const KeyframeOptions& keyframes,
                                          const std::string& folder, Progress& progress,
                                          const std::stop_token& stop) {
-  if (folder.empty())
-    throw InputError(video, "a video needs a folder that its key frames are written to");
+  if (folder.empty()) throw InputError(video, "a video needs an output folder for its key frames");
   make_folder(folder);
   const auto source = open_source(video, SourceOptions{});
   KeyframePicker picker(keyframes);

@@ -65,8 +65,9 @@ MarkerObservations find_markers(const Model& model,
     const cv::Mat gray = read_sensor_gray_image(path);
     const geometry::Camera& camera = model.cameras[static_cast<std::size_t>(image.camera)];
     if (gray.size() != cv::Size(camera.width, camera.height)) {
-      throw InputError(path, fmt::format("is {}x{}, but its camera in the model {}x{}", gray.cols,
-                                         gray.rows, camera.width, camera.height));
+      throw InputError(
+          path, fmt::format("the image has {}x{} px, but its camera in the model has {}x{} px",
+                            gray.cols, gray.rows, camera.width, camera.height));
     }
     add_observations(find(gray), static_cast<int>(i), by_id);
     progress.advance();
@@ -163,8 +164,8 @@ SideStatus measure(const Model& model, std::vector<MarkerObservation>& observati
 }  // namespace
 
 void KnownMarkers::check() const {
-  TARSIER_REQUIRE(side > 0 && std::isfinite(side), "markers of {}: expected above 0", side);
-  TARSIER_REQUIRE(find != nullptr, "nothing that finds markers");
+  TARSIER_REQUIRE(side > 0 && std::isfinite(side), "marker side {}: expected above 0", side);
+  TARSIER_REQUIRE(find != nullptr, "no function that detects markers");
 }
 
 nlohmann::ordered_json to_json(const MarkerScale& scale) {
@@ -188,8 +189,10 @@ MarkerScale marker_scale(const Model& model,
     double side = 0;
     const SideStatus status = measure(model, observations, side);
     if (status == SideStatus::kNotSquare) {
-      log_warning("marker {}: its corners in {} images make no square; it does not count", id,
-                  observations.size());
+      log_warning(
+          "marker {}: its triangulated corners from {} images do not form a square; the marker is "
+          "not used",
+          id, observations.size());
       ++result.left_out;
     }
     if (status != SideStatus::kMeasured) continue;
@@ -198,13 +201,13 @@ MarkerScale marker_scale(const Model& model,
       shows[static_cast<std::size_t>(one.image)] = true;
   }
   if (sides.empty()) {
-    const std::string what =
-        by_id.empty() ? "no marker is seen in the images of the model"
-                      : fmt::format(
-                            "of the {} markers that are seen none is measured by two images from "
-                            "different sides",
-                            by_id.size());
-    throw Error(ErrorKind::kInput, "scale by markers: " + what);
+    const std::string what = by_id.empty()
+                                 ? "no marker was detected in the images of the model"
+                                 : fmt::format(
+                                       "none of the {} detected markers could be measured: take "
+                                       "images of the markers from more different directions",
+                                       by_id.size());
+    throw Error(ErrorKind::kInput, "scale from markers: " + what);
   }
   const double median_side = upper_median(sides);
   result.scale = known.side / median_side;
@@ -213,9 +216,8 @@ MarkerScale marker_scale(const Model& model,
   for (const double side : sides)
     result.spread = std::max(result.spread, std::abs(side / median_side - 1));
   if (result.spread > kMaxSpread) {
-    log_warning(
-        "the sides of the {} markers differ by up to {:.0f} %: not all are of the same size",
-        result.markers, 100 * result.spread);
+    log_warning("the sides of the {} markers differ by up to {:.0f} %: use markers of one size",
+                result.markers, 100 * result.spread);
   }
   return result;
 }

@@ -23,9 +23,10 @@ Model read_part(const std::string& folder) {
   for (const Image& image : model.images) {
     const geometry::Camera& camera = model.cameras[at(image.camera)];
     if (camera.lens != geometry::Lens::kPinhole)
-      throw InputError(folder,
-                       fmt::format("a {} lens: only models of pinhole cameras can be joined",
-                                   geometry::name_of(camera.lens)));
+      throw InputError(
+          folder,
+          fmt::format("a camera has a {} lens, but only models with pinhole cameras can be merged",
+                      geometry::name_of(camera.lens)));
   }
   return model;
 }
@@ -56,7 +57,7 @@ MatchedImages images_of(const std::vector<Model>& models) {
 ReconstructorResult merge_models(const std::vector<std::string>& folders,
                                  const ReconstructorOptions& options, Progress& progress,
                                  const std::stop_token& stop, const ReconstructorHooks& hooks) {
-  TARSIER_REQUIRE(folders.size() >= 2, "{} models to join", folders.size());
+  TARSIER_REQUIRE(folders.size() >= 2, "{} models: two or more are needed", folders.size());
   std::vector<Model> models;
   progress.begin("load", static_cast<std::int64_t>(folders.size()), "models");
   for (const std::string& folder : folders) {

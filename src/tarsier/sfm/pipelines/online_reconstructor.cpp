@@ -87,9 +87,10 @@ void OnlineReconstructorOptions::check() const {
   check_fields(*this);
   mapper.check();
   keyframes.check();
-  TARSIER_REQUIRE(images.empty() || every_frame, "images are given, each must be a key frame");
+  TARSIER_REQUIRE(images.empty() || every_frame,
+                  "option 'images' needs 'every_frame': each image must become a key frame");
   TARSIER_REQUIRE(!frames_folder.empty() || !images.empty(),
-                  "key frames must be kept: no folder for them");
+                  "key frames need a folder (option 'frames_folder')");
 }
 
 nlohmann::ordered_json to_json(const OnlineResult& result) {

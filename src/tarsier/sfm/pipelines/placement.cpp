@@ -23,7 +23,7 @@ namespace {
 
 // The source of positions, for error messages.
 std::string source_of(const PlacementOptions& options) {
-  return options.alignment == Alignment::kGps ? "positions by GPS" : options.positions_file;
+  return options.alignment == Alignment::kGps ? "GPS positions" : options.positions_file;
 }
 
 constexpr std::int64_t kExifBytes = 1 << 20;  // EXIF segments come before the image data
@@ -37,16 +37,15 @@ std::vector<const Image*> ends_of(const Model& model, const KnownDistance& known
                                     [&](const Image& each) { return each.name == name; });
     if (image == model.images.end() || !image->registered) {
       throw Error(ErrorKind::kInput,
-                  fmt::format("{}'{}' is not in the model, which is written as it is",
+                  fmt::format("{}'{}' is not in the model; the model is written without scaling",
                               kDistanceError, printable(name)));
     }
     ends.push_back(&*image);
   }
   if (!((ends[0]->pose.center() - ends[1]->pose.center()).norm() > 0)) {
-    throw Error(ErrorKind::kInput,
-                fmt::format("{}both cameras are at one place in the model, which is written as it "
-                            "is",
-                            kDistanceError));
+    throw Error(ErrorKind::kInput, fmt::format("{}both cameras have the same position in the "
+                                               "model; the model is written without scaling",
+                                               kDistanceError));
   }
   return ends;
 }
@@ -64,8 +63,8 @@ Placement::Aligned align(Model& model, const PlacementOptions& options, const Po
   const auto similarity = robust_similarity(from, to, 0, seed);
   if (!similarity) {
     throw InputError(source_of(options),
-                     fmt::format("{} positions fit images of the model; three that are not in a "
-                                 "line are needed: the model is written as it is",
+                     fmt::format("{} positions belong to images of the model; three that are not "
+                                 "collinear are needed; the model is written without alignment",
                                  from.size()));
   }
   transform(model, *similarity);
@@ -78,8 +77,8 @@ Placement::Aligned align(Model& model, const PlacementOptions& options, const Po
 
 void PlacementOptions::check() const {
   TARSIER_REQUIRE(alignment != Alignment::kPositions || !positions_file.empty(),
-                  "no file of positions");
-  TARSIER_REQUIRE(!distance || !markers, "a known distance and markers: one of them is expected");
+                  "no file with positions");
+  TARSIER_REQUIRE(!distance || !markers, "a known distance and markers: give only one of them");
   if (markers) markers->check();
   if (!distance) return;
   TARSIER_REQUIRE(distance->distance > 0 && std::isfinite(distance->distance),
@@ -116,7 +115,8 @@ std::vector<Input> with_camera_positions(std::vector<Input> inputs, const Positi
     input.position = found->second;
     ++count;
   }
-  if (count > 0) log_info("pairs: positions of {} of {} images guide them", count, inputs.size());
+  if (count > 0)
+    log_info("pair selection uses the positions of {} of {} images", count, inputs.size());
   return inputs;
 }
 
@@ -146,7 +146,7 @@ Positions positions_of(const PlacementOptions& options, const Positions& known,
     for (const std::string& name : {options.distance->first, options.distance->second}) {
       if (std::none_of(inputs.begin(), inputs.end(),
                        [&](const Input& input) { return input.name == name; })) {
-        throw UsageError(fmt::format("{}'{}' is no image here (these are called '{}' ..)",
+        throw UsageError(fmt::format("{}no image is named '{}' (the first image is '{}')",
                                      kDistanceError, printable(name),
                                      inputs.empty() ? "" : printable(inputs.front().name)));
       }
@@ -167,20 +167,21 @@ Positions positions_of(const PlacementOptions& options, const Positions& known,
     const std::string what =
         gps ? fmt::format("{} of {} images have a position in EXIF", positions.size(),
                           inputs.size())
-            : fmt::format("{} of {} names are images here (these are called '{}' ..)",
+            : fmt::format("{} of {} names are names of images (the first image is '{}')",
                           positions.size(), all.size(),
                           inputs.empty() ? "" : printable(inputs.front().name));
-    throw InputError(source_of(options), what + "; three that are not in a line are needed");
+    throw InputError(source_of(options), what + "; three that are not collinear are needed");
   }
   if (!geometry::similarity_between(geometry::columns_of(positions),
                                     geometry::columns_of(positions))) {
-    throw InputError(source_of(options),
-                     fmt::format("the {} positions of images are in a line; three that are not "
-                                 "are needed",
-                                 positions.size()));
+    throw InputError(
+        source_of(options),
+        fmt::format(
+            "the {} positions of images are collinear; three that are not collinear are needed",
+            positions.size()));
   }
   if (positions.size() < all.size()) {
-    log_warning("{}: {} of {} names are no images here", source_of(options),
+    log_warning("{}: {} of {} names are not names of images", source_of(options),
                 all.size() - positions.size(), all.size());
   }
   return result;

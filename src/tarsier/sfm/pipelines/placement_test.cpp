@@ -129,8 +129,8 @@ TEST(Placement, WithoutOptionsLeavesTheModel) {
   two.erase(model.images[0].name);
   two.erase(model.images[2].name);
   EXPECT_EQ(error_of([&] { (void)place(model, by_positions(), two, 1); }),
-            "positions.csv: 2 positions fit images of the model; three that are not in a line are "
-            "needed: the model is written as it is");
+            "positions.csv: 2 positions belong to images of the model; three that are not "
+            "collinear are needed; the model is written without alignment");
   EXPECT_EQ(model.images[0].pose.center(), before.images[0].pose.center());
   EXPECT_EQ(model.points[0].position, before.points[0].position);
 }
@@ -147,13 +147,14 @@ TEST(Placement, PositionsAreCheckedBeforeTheReconstruction) {
   const auto error = [&](const PlacementOptions& options, const Positions& given) {
     return error_of([&] { (void)positions_of(options, given, inputs, {}); });
   };
-  EXPECT_EQ(error(by_positions(), {{inputs[0].name, {1, 2, 3}}, {"x", {0, 0, 0}}}),
-            "positions.csv: 1 of 2 names are images here (these are called 'folder/photo 0.jpg' "
-            "..); three that are not in a line are needed");
+  EXPECT_EQ(
+      error(by_positions(), {{inputs[0].name, {1, 2, 3}}, {"x", {0, 0, 0}}}),
+      "positions.csv: 1 of 2 names are names of images (the first image is 'folder/photo 0.jpg'); "
+      "three that are not collinear are needed");
   Positions line;
   for (std::size_t i = 0; i < 4; ++i)
     line[inputs[i].name] = Eigen::Vector3d::Constant(static_cast<double>(i));
-  EXPECT_NE(error(by_positions(), line).find("the 4 positions of images are in a line"),
+  EXPECT_NE(error(by_positions(), line).find("the 4 positions of images are collinear"),
             std::string::npos);
   PlacementOptions gps;
   gps.alignment = Alignment::kGps;
@@ -161,7 +162,7 @@ TEST(Placement, PositionsAreCheckedBeforeTheReconstruction) {
   PlacementOptions distance;
   distance.distance = KnownDistance{inputs[0].name, "nobody.jpg", 2};
   EXPECT_THROW((void)positions_of(distance, {}, inputs, {}), UsageError);
-  EXPECT_NE(error(distance, {}).find("'nobody.jpg' is no image here"), std::string::npos);
+  EXPECT_NE(error(distance, {}).find("no image is named 'nobody.jpg'"), std::string::npos);
 }
 
 TEST(Placement, OptionsAreChecked) {

@@ -100,7 +100,7 @@ OrderedJson json_of(PipelineOptions options) {
             if constexpr (std::is_arithmetic_v<T>)
               json[part.name][std::string(field.name)] = *value;
             else
-              TARSIER_REQUIRE(false, "the option {} is no number", field.name);
+              TARSIER_REQUIRE(false, "the option {} is not a number", field.name);
           },
           field.value);
     }
@@ -120,7 +120,11 @@ class Members {
   Members(const Json& json, const std::string& path) : json_(json), path_(path) {}
 
   [[noreturn]] void fail(std::string_view name) const {
-    throw InputError(path_, fmt::format("is no plan of this program: '{}'", name));
+    throw InputError(
+        path_,
+        fmt::format(
+            "is not a plan of this program, or is damaged ('{}'): run `tarsier sfm plan` again",
+            name));
   }
   [[nodiscard]] const Json& get(std::string_view name) const {
     if (!json_.is_object()) fail(name);
@@ -244,7 +248,8 @@ void require_utf8(const std::string& text) {
   try {
     (void)Json(text).dump();
   } catch (const Json::exception&) {
-    throw InputError(printable(text), "its name is not UTF-8, as a plan needs it: rename it");
+    throw InputError(printable(text),
+                     "the name is not valid UTF-8, which a plan needs: rename the file");
   }
 }
 
@@ -331,14 +336,15 @@ Plan read_plan(const std::string& folder) {
   const std::string path = plan_path(folder);
   std::error_code ignored;
   if (!fs::exists(path, ignored))
-    throw InputError(path, "there is no plan; `tarsier sfm plan` makes one");
+    throw InputError(path, "there is no plan: make one with `tarsier sfm plan`");
   const std::string text = read_file(path, kMaxPlanBytes);
   const Json json =
       parse_json(text, path, {.max_bytes = kMaxPlanBytes, .max_values = kMaxPlanBytes});
   const Members members(json, path);
   if (members.text("written_by") != kWriter) members.fail("written_by");
   if (const auto version = members.number<int>("version"); version != kVersion) {
-    throw InputError(path, fmt::format("a plan of version {}; this program knows {}: plan again",
+    throw InputError(path, fmt::format("the plan has version {}, but this program reads version "
+                                       "{}: run `tarsier sfm plan` again",
                                        version, kVersion));
   }
   Plan plan;
@@ -353,14 +359,18 @@ Plan read_plan(const std::string& folder) {
     plan.options.pairs_file = pairs_path(folder);
     plan.pairs = members.text("pairs_sha256");
     if (sha256_of_file(plan.options.pairs_file) != plan.pairs)
-      throw InputError(plan.options.pairs_file, "was changed since the plan was made: plan again");
+      throw InputError(plan.options.pairs_file,
+                       "was changed after the plan was made: run `tarsier sfm plan` again");
   }
   try {
     plan.options.check();
     TARSIER_REQUIRE(!plan.options.camera || plan.options.camera->lens == geometry::Lens::kPinhole,
-                    "a lens that is not a pinhole");
+                    "the camera is not a pinhole camera");
   } catch (const std::invalid_argument& error) {
-    throw InputError(path, fmt::format("is no plan of this program: {}", error.what()));
+    throw InputError(
+        path, fmt::format(
+                  "is not a plan of this program, or is damaged ({}): run `tarsier sfm plan` again",
+                  error.what()));
   }
   const Json& images = members.get("images");
   if (!images.is_array() || images.size() < 2) members.fail("images");

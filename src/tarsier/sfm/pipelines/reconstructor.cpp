@@ -85,12 +85,14 @@ void ReconstructorOptions::check() const {
   pipeline.check();
   keyframes.check();
   placement.check();
-  TARSIER_REQUIRE(!pipeline.camera || pipeline.camera->lens == geometry::Lens::kPinhole,
-                  "a {} lens: reconstruction needs a pinhole camera, undistort the images first",
-                  geometry::name_of(pipeline.camera->lens));
+  TARSIER_REQUIRE(
+      !pipeline.camera || pipeline.camera->lens == geometry::Lens::kPinhole,
+      "a {} lens, but reconstruction needs a pinhole camera: undistort the images first",
+      geometry::name_of(pipeline.camera->lens));
   TARSIER_REQUIRE(
       !folder.empty() || !(undistorted || binary || database || turntable || match_images),
-      "further files need a folder");
+      "options 'undistorted', 'binary', 'database', 'turntable', 'match_images' need an output "
+      "folder");
 }
 
 void use_features(PipelineOptions& options, FeatureKind kind) {
@@ -129,7 +131,9 @@ void Reconstructor::check_outputs() const {
       if (!has_report && fs::exists(fs::path(options_.folder) / name))
         throw OutputError(
             options_.folder,
-            fmt::format("it holds a model of another program ({}): name another folder", name));
+            fmt::format(
+                "the folder contains a model of another program ({}): choose another folder",
+                name));
     // Throws where the folder is not writable.
     const AtomicFile writable((fs::path(options_.folder) / "report.json").string());
   }
@@ -144,8 +148,8 @@ void Reconstructor::check_inputs(const std::vector<Input>& inputs) const {
     names.push_back(input.name);
     if (options_.undistorted && !is_image_path(input.name)) {
       throw InputError(input.path,
-                       "undistorted images keep their names, and this file extension cannot be "
-                       "written; use .jpg, .png, .webp, .bmp, .ppm");
+                       "undistorted images have the names of the input images, and this file "
+                       "extension cannot be written: use .jpg, .png, .webp, .bmp, .ppm");
     }
   }
   if (options_.pipeline.pairs == PairChoice::kList)
@@ -241,7 +245,7 @@ void Reconstructor::write_models(ReconstructorResult& result,
   const auto earlier = earlier_run(folder);
   if (result.interrupted() && earlier && !earlier->partial &&
       earlier->registered >= statistics_of(models.front()).registered) {
-    log_warning("interrupted: {} keeps the finished model of an earlier run", folder);
+    log_warning("interrupted: the finished model of an earlier run in {} was not replaced", folder);
     result.kept_earlier_model = true;
     return;
   }

@@ -103,8 +103,9 @@ TEST_F(Reconstructing, AModelThatCannotBePlacedIsWrittenUnchanged) {
   write_image(path("images/blank.png"), cv::Mat(180, 240, CV_8UC3, {120, 120, 120}));
   options_.placement.distance = KnownDistance{"0.png", "blank.png", 3};
   const ReconstructorResult result = run();
-  EXPECT_EQ(result.placement_error,
-            "the known distance: 'blank.png' is not in the model, which is written as it is");
+  EXPECT_EQ(
+      result.placement_error,
+      "the known distance: 'blank.png' is not in the model; the model is written without scaling");
   EXPECT_FALSE(result.placement.scale);
   EXPECT_TRUE(has("model/points3D.txt"));
   EXPECT_TRUE(has("model/view.png"));

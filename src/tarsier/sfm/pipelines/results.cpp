@@ -141,7 +141,7 @@ std::map<std::string, std::string> image_files(const std::string& folder, const 
       files[name] = found->second;
     if (files.count(name) == 0) {
       throw InputError(printable(images.empty() ? folder : images),
-                       fmt::format("the image '{}' of the model is not there; name the folder of "
+                       fmt::format("the image '{}' of the model was not found: give the folder of "
                                    "the images (option 'images')",
                                    printable(name)));
     }
@@ -169,7 +169,8 @@ void remove_replaced_files(const std::string& folder) {
                            "rigs.txt", "frames.txt"}) {
     remove_file(path / name);
     if (fs::exists(path / name, error))
-      throw OutputError((path / name).string(), "it is of an earlier model and cannot be removed");
+      throw OutputError((path / name).string(),
+                        "the file belongs to an earlier model and cannot be removed: remove it");
   }
 }
 
@@ -200,8 +201,9 @@ int remove_old_models(const std::string& folder, int first,
     remove_folders(path);
     ++removed;
     if (fs::exists(path, error))
-      log_warning("{}: contains an earlier run; files that it did not write are kept",
-                  path.string());
+      log_warning(
+          "{}: the earlier model was removed, except for files that the earlier run did not write",
+          path.string());
   }
   return removed;
 }

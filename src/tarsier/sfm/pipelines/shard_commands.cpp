@@ -52,7 +52,7 @@ std::string slurm_script(const ClusterJob& job) {
   std::string text = fmt::format(
       R"(#!/bin/bash
 # Written by `tarsier sfm plan --slurm`. `bash {0} [flags of sbatch ..]` submits all stages, each after the one before.
-# Shards that failed: the next stage names them, and `bash {0}` once more does what is not done.
+# If shards fail, the next stage lists them. Run `bash {0}` again to compute what is missing.
 set -eu
 tarsier={1}
 work={2}
@@ -69,7 +69,7 @@ stage-clusters) exec "$tarsier" sfm map "$work" --cluster "$SLURM_ARRAY_TASK_ID/
 stage-merge) exec "$tarsier" sfm merge "$work" -o "$model" --threads "$threads" --quiet ;;
 esac
 script=$work/sfm.sbatch
-submit() {{ # submit STAGE [FLAGS ..]: prints the number of the job
+submit() {{ # submit STAGE [FLAGS ..]: prints the job ID
   stage=$1
   shift
   sbatch --parsable --job-name "sfm-$stage" --output "$work/slurm-$stage-%j.log" --requeue "$@" "$script" "stage-$stage"
@@ -89,7 +89,7 @@ job=$(submit features --array "1-$shards" "$@")
   } else {
     text += "job=$(submit map --dependency \"afterany:${job%%;*}\" \"$@\")\n";
   }
-  text += "echo \"job ${job%%;*} makes $model\"\n";
+  text += "echo \"job ${job%%;*} writes the model $model\"\n";
   return text;
 }
 

@@ -55,9 +55,10 @@ template <class Read>
 auto read_packed(const std::string& path, const std::string& sum, const Read& read) {
   try {
     PackedReader reader(path, kMaxShardBytes);
-    if (reader.sum() != sum) throw InputError(path, "is not the file that its .done describes");
+    if (reader.sum() != sum)
+      throw InputError(path, "does not match the checksum in its .done file");
     if (reader.get<std::int32_t>() != kVersion)
-      throw InputError(path, "is of another version of this program");
+      throw InputError(path, "was written by another version of this program");
     auto result = read(reader);
     if (!reader.is_at_end()) throw Damaged();
     return result;
@@ -201,18 +202,17 @@ ShardInfo read_shard_info(const std::string& path) {
   const std::string info_path = path + ".done";
   std::error_code ignored;
   if (!fs::exists(info_path, ignored)) {
-    throw InputError(path, fs::exists(path, ignored)
-                               ? "is not finished (there is no .done beside it)"
-                               : "is missing");
+    throw InputError(path, fs::exists(path, ignored) ? "is not finished (its .done file is missing)"
+                                                     : "is missing");
   }
   const Json json = parse_json(read_file(info_path, kMaxInfoBytes), info_path,
                                {.max_bytes = kMaxInfoBytes, .max_values = kMaxInfoBytes});
   try {
     ShardInfo info = info_of(json);
-    if (!is_valid(json, info)) throw InputError(info_path, "does not describe a shard");
+    if (!is_valid(json, info)) throw InputError(info_path, "is not a valid description of a shard");
     return info;
   } catch (const Json::exception&) {
-    throw InputError(info_path, "does not describe a shard");
+    throw InputError(info_path, "is not a valid description of a shard");
   }
 }
 

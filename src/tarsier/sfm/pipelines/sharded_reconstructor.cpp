@@ -105,7 +105,8 @@ void check_matches(const Pair& pair, std::size_t first, std::size_t second, cons
   for (const Match& match : pair.view.inliers) {
     if (match.first < 0 || at(match.first) >= first || match.second < 0 ||
         at(match.second) >= second)
-      fail_with_command(InputError(path, "is damaged: a match of no feature"), command);
+      fail_with_command(
+          InputError(path, "is damaged: a match refers to a feature that does not exist"), command);
   }
 }
 
@@ -253,8 +254,9 @@ ShardInfo ShardedReconstructor::require(ShardStage stage, int shard,
   const ShardInfo info = read_shard_info(path);
   if (info.stage != stage || info.shard != shard || info.shards != count_of(stage) ||
       info.plan != plan_.key)
-    throw InputError(path, "is of another plan");
-  if (info.from != from) throw InputError(path, "was made of other features, pairs or matches");
+    throw InputError(path, "belongs to another plan");
+  if (info.from != from)
+    throw InputError(path, "was computed from other features, pairs or matches");
   if (stage == ShardStage::kFeatures) {
     const ShardRange range =
         range_of_shard(static_cast<std::int64_t>(plan_.images.size()), shard, plan_.shards);
@@ -262,7 +264,7 @@ ShardInfo ShardedReconstructor::require(ShardStage stage, int shard,
         info.left_out.begin(), info.left_out.end(),
         [&](const auto& entry) { return entry.first >= range.first && entry.first < range.last; });
     if (!fits || info.count + static_cast<std::int64_t>(info.left_out.size()) != range.size())
-      throw InputError(path + ".done", "does not describe a shard");
+      throw InputError(path + ".done", "is not a valid description of a shard");
   }
   return info;
 }
@@ -287,7 +289,7 @@ std::vector<ShardInfo> ShardedReconstructor::require_all(ShardStage stage,
     constexpr std::size_t kMaxListed = 10;
     const std::span<const int> listed =
         std::span(missing).first(std::min(kMaxListed, missing.size()));
-    first += fmt::format(", and so are others: {} of {} {}, {}{}", missing.size(), count,
+    first += fmt::format("; {} of {} {} cannot be used: {}{}", missing.size(), count,
                          stage == ShardStage::kModel ? "clusters" : "shards",
                          fmt::join(listed, " "), missing.size() > kMaxListed ? " .." : "");
   }
@@ -316,7 +318,8 @@ ShardReport ShardedReconstructor::find_features(int shard, Progress& progress,
     const auto expect_same = [&](bool same) {
       if (!same)
         throw InputError(planned.path,
-                         "is not the image that was planned: plan again, or put it back");
+                         "the image was changed after the plan was made: restore it, or run "
+                         "`tarsier sfm plan` again");
     };
     try {
       const cv::Mat pixels = read_input_image({planned.name, planned.path}, plan_.options, image);
@@ -352,14 +355,14 @@ std::vector<ImageFeatures> ShardedReconstructor::load_features(const ShardInfo& 
       }
       if (k == images.size() || images[k].input != i ||
           images[k].key != features_key(plan_.images[at(i)].sha256, plan_.options.features)) {
-        throw InputError(path, "holds features of other images or options");
+        throw InputError(path, "contains features of other images or options");
       }
       const cv::Mat& descriptors = images[k++].features.descriptors;
       if (plan_.options.features.kind == FeatureKind::kSift && !descriptors.empty() &&
           descriptors.cols != kSiftColumns)
-        throw InputError(path, "is damaged: descriptors of another length");
+        throw InputError(path, "is damaged: descriptors have a wrong length");
     }
-    if (k != images.size()) throw InputError(path, "holds features of other images or options");
+    if (k != images.size()) throw InputError(path, "contains features of other images or options");
     return images;
   } catch (const InputError& error) {
     throw Error(ErrorKind::kInput,
@@ -414,7 +417,8 @@ std::pair<std::vector<ImagePair>, std::string> ShardedReconstructor::pairs_of(
     const ShardInfo info = require(ShardStage::kPairs, 1, readable.key());
     std::vector<ImagePair> pairs = read_image_pairs(path, info.sha256);
     for (const auto& [first, second] : pairs)
-      if (second >= readable.count()) throw InputError(path, "is damaged: a pair of no images");
+      if (second >= readable.count())
+        throw InputError(path, "is damaged: a pair refers to an image that does not exist");
     return {std::move(pairs), checksum_of({readable.key(), info.sha256})};
   } catch (const InputError& error) {
     throw Error(ErrorKind::kInput,
@@ -518,7 +522,7 @@ std::vector<Pair> ShardedReconstructor::load_matches(const ShardInfo& info,
     bool fits = static_cast<std::int64_t>(some.size()) == range.size();
     for (std::size_t k = 0; fits && k < some.size(); ++k)
       fits = ImagePair(some[k].first, some[k].second) == pairs[at(range.first) + k];
-    if (!fits) throw InputError(path, "holds other pairs than were chosen");
+    if (!fits) throw InputError(path, "contains other pairs than the selected ones");
     return some;
   } catch (const InputError& error) {
     fail_with_command(error, command_of(ShardStage::kMatch, info.shard));
@@ -605,7 +609,7 @@ ShardReport ShardedReconstructor::map_cluster(int cluster, const ReconstructorOp
   made.cameras.assign(made.images.size(), 0);
   made.reasons.assign(made.images.size(), "");
   if (made.images.size() < 2) {
-    std::fill(made.reasons.begin(), made.reasons.end(), "is alone in its cluster");
+    std::fill(made.reasons.begin(), made.reasons.end(), "the image is the only one in its cluster");
   } else {
     PipelineOptions how = planned(options).pipeline;
     if (!options.cache)
@@ -660,7 +664,7 @@ MappedParts ShardedReconstructor::load_parts(const std::vector<ShardInfo>& infos
       std::vector<Image> images;
       for (std::size_t k = 0; k < cluster.images.size(); ++k) {
         if (at(cluster.images[k]) >= input.images.size())
-          throw InputError(path, "is damaged: it names an image that the plan does not have");
+          throw InputError(path, "is damaged: it refers to an image that is not in the plan");
         images.push_back(input.images[at(cluster.images[k])]);
         if (cluster.is_own[k] != 0) parts.reasons[at(cluster.images[k])] = cluster.reasons[k];
       }
@@ -670,7 +674,7 @@ MappedParts ShardedReconstructor::load_parts(const std::vector<ShardInfo>& infos
       for (std::size_t m = 0; m < cluster.models.size(); ++m) {
         const PackedModel& packed = cluster.models[m];
         if (!fits(packed, packed.cameras.size(), images))
-          throw InputError(path, "is damaged: models that do not fit their images");
+          throw InputError(path, "is damaged: its models do not fit their images");
         MappedPart& part = parts.parts.emplace_back();
         part.name = m == 0 ? fmt::format("cluster {}", info.shard)
                            : fmt::format("cluster {}, model {}", info.shard, m);
@@ -691,7 +695,7 @@ ReconstructorResult ShardedReconstructor::merge(const ReconstructorOptions& opti
                                                 const ReconstructorHooks& hooks) const {
   if (plan_.clusters() == 0)
     throw InputError(folder_,
-                     "its plan has no clusters: make a plan with `tarsier sfm plan "
+                     "the plan has no clusters: make a plan with `tarsier sfm plan "
                      "--cluster-size`, or map all images together with `tarsier sfm map`");
   const ReadableImages readable(plan_, require_all(ShardStage::kFeatures, ""));
   const auto [pairs, from] = pairs_of(readable);

@@ -155,7 +155,7 @@ TEST_F(Sharded, AListOfPairsIsPartOfThePlan) {
   match_all(sharded);
   EXPECT_EQ(map(sharded, "model").pipeline.compared, 3);
   write_file_atomically(path("work/pairs.txt"), "0.png 1.png\n");
-  expect_error([&] { (void)read_plan(path("work")); }, "plan again");
+  expect_error([&] { (void)read_plan(path("work")); }, "run `tarsier sfm plan` again");
 }
 
 TEST_F(Sharded, UnreadableImagesAreLeftOutAsInASingleRun) {
@@ -223,7 +223,7 @@ TEST_F(Sharded, ShardsOfAnotherPlanAreRefused) {
   options_.features.max_count = 200;
   plan(2);
   const ShardedReconstructor other(path("work"));
-  expect_error([&] { (void)other.match(1, progress_, {}); }, "is of another plan");
+  expect_error([&] { (void)other.match(1, progress_, {}); }, "belongs to another plan");
   find_all(other);
   match_all(other);
   EXPECT_EQ(map(other, "model").models().size(), 1U);
@@ -234,9 +234,11 @@ TEST_F(Sharded, AChangedImageIsRefused) {
   plan(2);
   const ShardedReconstructor sharded(path("work"));
   write_image(path("images/0.png"), (*images_)[1]);
-  expect_error([&] { (void)sharded.find_features(1, progress_, {}); }, "plan again");
+  expect_error([&] { (void)sharded.find_features(1, progress_, {}); },
+               "run `tarsier sfm plan` again");
   fs::remove(path("images/0.png"));
-  expect_error([&] { (void)sharded.find_features(1, progress_, {}); }, "plan again");
+  expect_error([&] { (void)sharded.find_features(1, progress_, {}); },
+               "run `tarsier sfm plan` again");
   EXPECT_FALSE(fs::exists(path("work/features-1-of-2")));
 }
 

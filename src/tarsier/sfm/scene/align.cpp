@@ -70,7 +70,8 @@ class PositionsParser {
       parse_line(line, is_first);
       is_first = false;
     }
-    if (positions_.empty()) throw InputError(path_, "has no position (name,x,y,z)");
+    if (positions_.empty())
+      throw InputError(path_, "contains no position: expected lines name,x,y,z");
     return std::move(positions_);
   }
 
@@ -84,7 +85,7 @@ class PositionsParser {
     std::array<std::optional<double>, 3> numbers;
     std::array<std::string_view, 3> words;
     for (std::size_t k = 0; k < 3; ++k) {
-      if (rest.empty()) fail("name,x,y,z is expected");
+      if (rest.empty()) fail("expected name,x,y,z");
       rest.remove_prefix(1);  // the comma
       const std::size_t end = std::min(rest.find(','), rest.size());
       words[k] = trimmed(rest.substr(0, end));
@@ -96,12 +97,12 @@ class PositionsParser {
     Eigen::Vector3d position = Eigen::Vector3d::Zero();
     for (std::size_t k = 0; k < 3; ++k) {
       if (!numbers[k] || std::abs(*numbers[k]) > kMaxCoordinate)
-        fail(fmt::format("'{}' is no coordinate", printable(words[k].substr(0, 80))));
+        fail(fmt::format("'{}' is not a coordinate", printable(words[k].substr(0, 80))));
       position[static_cast<int>(k)] = *numbers[k];
     }
     if (name.empty()) fail("the name is empty");
     if (!positions_.emplace(name, position).second)
-      fail(fmt::format("'{}' is there twice", printable(std::string_view(name).substr(0, 200))));
+      fail(fmt::format("'{}' occurs twice", printable(std::string_view(name).substr(0, 200))));
   }
 
   // Removes the name, quoted or not, so that `rest` is empty or begins with a comma.
@@ -116,7 +117,7 @@ class PositionsParser {
     rest.remove_prefix(1);
     while (true) {
       const std::size_t end = rest.find('"');
-      if (end == std::string_view::npos) fail("a \" is missing");
+      if (end == std::string_view::npos) fail("the closing \" is missing");
       name += rest.substr(0, end);
       rest.remove_prefix(end + 1);
       if (!rest.starts_with('"')) break;
@@ -124,7 +125,7 @@ class PositionsParser {
       rest.remove_prefix(1);
     }
     rest = trimmed(rest);
-    if (!rest.empty() && rest.front() != ',') fail("a comma is expected behind the name");
+    if (!rest.empty() && rest.front() != ',') fail("expected a comma after the name");
     return name;
   }
 
@@ -141,7 +142,8 @@ std::optional<geometry::Sim3> robust_similarity(const std::vector<Eigen::Vector3
   TARSIER_REQUIRE(tolerance >= 0 && std::isfinite(tolerance), "tolerance {}", tolerance);
   const auto all_from = geometry::columns_of(from);
   const auto all_to = geometry::columns_of(to);
-  TARSIER_REQUIRE(from.size() == to.size(), "{} and {} points", from.size(), to.size());
+  TARSIER_REQUIRE(from.size() == to.size(), "{} points, but {} corresponding points", from.size(),
+                  to.size());
   TARSIER_REQUIRE(all_from.allFinite() && all_to.allFinite(), "a point is not finite");
   if (from.size() < 3) return std::nullopt;
   const auto cost_of = [&](const geometry::Sim3& similarity) {
@@ -194,7 +196,8 @@ std::optional<geometry::Sim3> robust_similarity(const std::vector<Eigen::Vector3
 std::vector<double> residuals_of(const geometry::Sim3& similarity,
                                  const std::vector<Eigen::Vector3d>& from,
                                  const std::vector<Eigen::Vector3d>& to) {
-  TARSIER_REQUIRE(from.size() == to.size(), "{} and {} points", from.size(), to.size());
+  TARSIER_REQUIRE(from.size() == to.size(), "{} points, but {} corresponding points", from.size(),
+                  to.size());
   std::vector<double> result(from.size());
   for (std::size_t k = 0; k < from.size(); ++k) result[k] = (similarity * from[k] - to[k]).norm();
   return result;

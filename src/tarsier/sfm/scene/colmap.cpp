@@ -60,17 +60,19 @@ void check_image(const Image& image, const Model& model) {
                   image.name);
   model.cameras[static_cast<std::size_t>(image.camera)].check();
   const bool is_whole = image.points.size() == image.features.size();
-  TARSIER_REQUIRE(is_whole, "'{}' has {} features and points of {}", image.name,
+  TARSIER_REQUIRE(is_whole, "'{}' has {} features, but {} entries for their points", image.name,
                   image.features.size(), image.points.size());
   for (std::size_t f = 0; f < image.features.size(); ++f) {
     TARSIER_REQUIRE(std::isfinite(image.features[f].x) && std::isfinite(image.features[f].y),
-                    "feature {} of '{}'", f, image.name);
+                    "feature {} of '{}' is not finite", f, image.name);
     TARSIER_REQUIRE(image.points[f] == -1 || is_index(image.points[f], model.points.size()),
-                    "point {} of feature {} of '{}'", image.points[f], f, image.name);
+                    "point {} of feature {} of '{}' does not exist", image.points[f], f,
+                    image.name);
   }
-  TARSIER_REQUIRE(geometry::is_rotation(image.pose.rotation), "the rotation of '{}' is none",
+  TARSIER_REQUIRE(geometry::is_rotation(image.pose.rotation),
+                  "the rotation of '{}' is not a rotation matrix", image.name);
+  TARSIER_REQUIRE(image.pose.translation.allFinite(), "the translation of '{}' is not finite",
                   image.name);
-  TARSIER_REQUIRE(image.pose.translation.allFinite(), "the translation of '{}'", image.name);
 }
 
 void write_images(const std::string& path, const Model& model, const std::vector<int>& camera_ids) {
@@ -126,7 +128,7 @@ class LineReader {
     std::error_code error;
     const fs::file_status status = fs::status(path, error);
     if (!fs::exists(status)) throw InputError(path, "no such file");
-    if (!fs::is_regular_file(status)) throw InputError(path, "is no regular file");
+    if (!fs::is_regular_file(status)) throw InputError(path, "is not a regular file");
     stream_.open(path, std::ios::binary);
     if (!stream_) throw InputError(path, "cannot read");
   }
@@ -236,8 +238,8 @@ class ModelReader {
     for (std::size_t i = 0; i < model_.images.size(); ++i) {
       for (std::size_t f = 0; f < point_ids_[i].size(); ++f) {
         if (point_ids_[i][f] >= 0) {
-          images.fail(lines_[i], fmt::format("feature {} belongs to point {}, whose track in "
-                                             "points3D.txt does not have it",
+          images.fail(lines_[i], fmt::format("feature {} belongs to point {}, but the track of the "
+                                             "point in points3D.txt does not contain the feature",
                                              f, point_ids_[i][f]));
         }
       }
@@ -254,7 +256,7 @@ class ModelReader {
         reader.fail(fmt::format("more than the limit of {} cameras", kMaxItems));
       geometry::ColmapCamera read = geometry::parse_colmap_camera(line, path, reader.number());
       if (!cameras_.emplace(read.id, static_cast<int>(model_.cameras.size())).second)
-        reader.fail(fmt::format("camera {} is there twice", read.id));
+        reader.fail(fmt::format("camera {} occurs twice", read.id));
       model_.cameras.push_back(std::move(read.camera));
     }
   }
@@ -275,7 +277,7 @@ class ModelReader {
         reader.fail(fmt::format("more than the limit of {} images", kMaxItems));
       Image image = read_image(reader, line);
       if (!names.insert(image.name).second)
-        reader.fail(fmt::format("'{}' is there twice", printable(image.name)));
+        reader.fail(fmt::format("'{}' occurs twice", printable(image.name)));
       if (const auto turned = turns.find(image.name); turned != turns.end())
         image.turns = turned->second;
       lines_.push_back(reader.number() + 1);
@@ -292,7 +294,7 @@ class ModelReader {
     image.registered = true;
     const std::int64_t id = reader.integer(rest, "the image's id", 0, kMaxId);
     if (!images_.emplace(id, static_cast<int>(model_.images.size())).second)
-      reader.fail(fmt::format("image {} is there twice", id));
+      reader.fail(fmt::format("image {} occurs twice", id));
     Eigen::Vector4d q;
     for (int k = 0; k < 4; ++k) q[k] = reader.number(rest, "the rotation");
     const double length = q.norm();
@@ -318,7 +320,7 @@ class ModelReader {
       const double x = reader.number(rest, "a feature's x") - kColmapOffset;
       const double y = reader.number(rest, "a feature's y") - kColmapOffset;
       if (std::abs(x) > kMaxPixel || std::abs(y) > kMaxPixel)
-        reader.fail(fmt::format("the feature ({}, {}) is far outside", x, y));
+        reader.fail(fmt::format("the feature ({}, {}) is far outside the image", x, y));
       image.features.emplace_back(static_cast<float>(x), static_cast<float>(y));
       point_ids.push_back(reader.integer(rest, "a feature's point", -1, kMaxPointId));
     }
@@ -333,7 +335,7 @@ class ModelReader {
       if (model_.points.size() == static_cast<std::size_t>(kMaxIndex))
         reader.fail("too many points");
       const std::int64_t id = reader.integer(line, "the point's id", 0, kMaxPointId);
-      if (!ids.insert(id).second) reader.fail(fmt::format("point {} is there twice", id));
+      if (!ids.insert(id).second) reader.fail(fmt::format("point {} occurs twice", id));
       Point point;
       for (int k = 0; k < 3; ++k) point.position[k] = reader.number(line, "the position");
       for (int k = 2; k >= 0; --k)
@@ -361,15 +363,16 @@ class ModelReader {
       const auto f = static_cast<std::size_t>(feature);
       if (f >= ids.size() || ids[f] != id) {
         reader.fail(
-            fmt::format("feature {} of image {} is not of point {} in images.txt, or twice "
-                        "in the track",
+            fmt::format("feature {} of image {} does not belong to point {} in images.txt, or "
+                        "occurs twice in the track",
                         feature, image, id));
       }
       ids[f] = -1;  // mark as used
       ++count;
       point.track.push_back({found->second, static_cast<int>(feature)});
     }
-    if (count < 2) reader.fail(fmt::format("the track of point {} has less than two", id));
+    if (count < 2)
+      reader.fail(fmt::format("the track of point {} has fewer than two observations", id));
     point.track = first_per_image(point.track);
   }
 
@@ -400,26 +403,34 @@ void check_model(const Model& model) {
   for (const Image& image : model.images) {
     if (!image.registered) continue;
     check_image(image, model);
-    TARSIER_REQUIRE(names.insert(image.name).second, "'{}' is there twice", image.name);
+    TARSIER_REQUIRE(names.insert(image.name).second, "'{}' occurs twice", image.name);
     seen += image.points.size() -
             static_cast<std::size_t>(std::count(image.points.begin(), image.points.end(), -1));
   }
   std::size_t tracked = 0;
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     const Point& point = model.points[p];
-    TARSIER_REQUIRE(point.position.allFinite() && std::isfinite(point.error), "point {}", p);
-    TARSIER_REQUIRE(point.track.size() >= 2, "point {} is seen {} times", p, point.track.size());
+    TARSIER_REQUIRE(point.position.allFinite() && std::isfinite(point.error),
+                    "point {} is not finite", p);
+    TARSIER_REQUIRE(point.track.size() >= 2, "point {} has {} observations: two or more are needed",
+                    p, point.track.size());
     for (const auto& [i, f] : point.track) {
-      TARSIER_REQUIRE(is_index(i, model.images.size()), "image {} of point {}", i, p);
+      TARSIER_REQUIRE(is_index(i, model.images.size()),
+                      "image {} in the track of point {} does not exist", i, p);
       const Image& image = model.images[static_cast<std::size_t>(i)];
-      TARSIER_REQUIRE(image.registered, "'{}' of point {}", image.name, p);
-      TARSIER_REQUIRE(is_index(f, image.features.size()), "feature {} of point {}", f, p);
+      TARSIER_REQUIRE(image.registered, "'{}' in the track of point {} is not registered",
+                      image.name, p);
+      TARSIER_REQUIRE(is_index(f, image.features.size()),
+                      "feature {} in the track of point {} does not exist", f, p);
       TARSIER_REQUIRE(image.points[static_cast<std::size_t>(f)] == static_cast<int>(p),
-                      "feature {} of '{}', in the track of point {}", f, image.name, p);
+                      "feature {} of '{}' is in the track of point {}, but refers to another point",
+                      f, image.name, p);
     }
     tracked += point.track.size();
   }
-  TARSIER_REQUIRE(tracked == seen, "{} features have points, tracks have {}", seen, tracked);
+  TARSIER_REQUIRE(tracked == seen,
+                  "{} features refer to points, but the tracks have {} observations", seen,
+                  tracked);
 }
 
 void write_colmap(const std::string& folder, const Model& model) {
@@ -429,7 +440,8 @@ void write_colmap(const std::string& folder, const Model& model) {
     if (!image.registered) continue;
     camera_ids[static_cast<std::size_t>(image.camera)] = 1;
     if (const std::string error = image_name_error(image.name); !error.empty())
-      throw OutputError((fs::path(folder) / "images.txt").string(), "an image: " + error);
+      throw OutputError((fs::path(folder) / "images.txt").string(),
+                        "an image cannot be written: " + error);
   }
   make_folder(folder);
   TextFile cameras((fs::path(folder) / "cameras.txt").string());
@@ -468,7 +480,7 @@ std::string image_name_error(std::string_view name) {
   }
   const fs::path path(name);
   if (path.is_absolute() || std::find(path.begin(), path.end(), "..") != path.end())
-    return fmt::format("the name '{}' leads out of the folder", printable(name));
+    return fmt::format("the name '{}' refers to a file outside the folder", printable(name));
   return {};
 }
 

@@ -53,7 +53,7 @@ class BinaryReader {
     std::error_code error;
     const fs::file_status status = fs::status(path, error);
     if (!fs::exists(status)) throw InputError(path, "no such file");
-    if (!fs::is_regular_file(status)) throw InputError(path, "is no regular file");
+    if (!fs::is_regular_file(status)) throw InputError(path, "is not a regular file");
     left_ = fs::file_size(path, error);
     stream_.open(path, std::ios::binary);
     if (error || !stream_) throw InputError(path, "cannot read");
@@ -73,7 +73,7 @@ class BinaryReader {
   std::uint64_t count(std::uint64_t max_count, std::uint64_t bytes, const std::string& what) {
     const auto value = next<std::uint64_t>();
     if (value > max_count || value > left_ / bytes)
-      fail(fmt::format("{} {}: the file is cut short, or is no such file", value, what));
+      fail(fmt::format("{} {}: the file is truncated, or has another format", value, what));
     return value;
   }
   std::string text() {
@@ -85,7 +85,7 @@ class BinaryReader {
     return result;
   }
   void expect_end() const {
-    if (left_ > 0) fail(fmt::format("{} bytes follow the end", left_));
+    if (left_ > 0) fail(fmt::format("{} bytes follow the last record", left_));
   }
   [[noreturn]] void fail(const std::string& reason) const { throw InputError(path_, reason); }
   [[nodiscard]] const std::string& path() const { return path_; }
@@ -93,7 +93,7 @@ class BinaryReader {
  private:
   void take(void* to, std::size_t bytes) {
     if (left_ < bytes || !stream_.read(static_cast<char*>(to), static_cast<std::streamsize>(bytes)))
-      fail("is cut short");
+      fail("is truncated");
     left_ -= bytes;
   }
   std::string path_;
@@ -112,8 +112,8 @@ class BinaryModel {
       for (std::size_t f = 0; f < point_ids_[i].size(); ++f)
         if (point_ids_[i][f] != kNoPoint)
           throw InputError(images,
-                           fmt::format("feature {} of '{}' belongs to point {}, whose track does "
-                                       "not have it",
+                           fmt::format("feature {} of '{}' belongs to point {}, but the track of "
+                                       "the point does not contain the feature",
                                        f, printable(model_.images[i].name), point_ids_[i][f]));
     return std::move(model_);
   }
@@ -132,7 +132,7 @@ class BinaryModel {
       for (int p = 0; p < parameters; ++p)
         numbers.parameters.push_back(reader.number(fmt::format("a parameter of camera {}", id)));
       if (!cameras_.emplace(id, static_cast<int>(k)).second)
-        reader.fail(fmt::format("camera {} is there twice", id));
+        reader.fail(fmt::format("camera {} occurs twice", id));
       model_.cameras.push_back(geometry::camera_of(numbers, path, id));
     }
     reader.expect_end();
@@ -162,8 +162,8 @@ class BinaryModel {
       if (const std::string error = image_name_error(image.name); !error.empty())
         reader.fail(what + ": " + error);
       if (!names.insert(image.name).second)
-        reader.fail(fmt::format("'{}' is there twice", printable(image.name)));
-      if (!images_.emplace(id, static_cast<int>(k)).second) reader.fail(what + " is there twice");
+        reader.fail(fmt::format("'{}' occurs twice", printable(image.name)));
+      if (!images_.emplace(id, static_cast<int>(k)).second) reader.fail(what + " occurs twice");
       const auto own = reader.count(kMaxFeatures - features, 24, "features of " + what);
       features += own;
       std::vector<std::uint64_t>& ids = point_ids_.emplace_back();
@@ -171,7 +171,8 @@ class BinaryModel {
         const double x = reader.number("a feature of " + what) - kColmapOffset;
         const double y = reader.number("a feature of " + what) - kColmapOffset;
         if (std::abs(x) > kMaxPixel || std::abs(y) > kMaxPixel)
-          reader.fail(fmt::format("the feature ({}, {}) of {} is far outside", x, y, what));
+          reader.fail(
+              fmt::format("the feature ({}, {}) of {} is far outside the image", x, y, what));
         image.features.emplace_back(static_cast<float>(x), static_cast<float>(y));
         ids.push_back(reader.next<std::uint64_t>());
       }
@@ -188,7 +189,7 @@ class BinaryModel {
     for (std::uint64_t k = 0; k < count; ++k) {
       const auto id = reader.next<std::uint64_t>();
       const std::string what = fmt::format("point {}", id);
-      if (id == kNoPoint || !seen.insert(id).second) reader.fail(what + " is there twice");
+      if (id == kNoPoint || !seen.insert(id).second) reader.fail(what + " occurs twice");
       Point point;
       for (int i = 0; i < 3; ++i) point.position[i] = reader.number(what);
       for (int i = 2; i >= 0; --i) point.color[i] = reader.next<std::uint8_t>();
@@ -202,7 +203,7 @@ class BinaryModel {
         std::vector<std::uint64_t>& ids = point_ids_[static_cast<std::size_t>(image->second)];
         if (feature >= ids.size() || ids[feature] != id)
           reader.fail(fmt::format(
-              "feature {} of '{}' is not of {} in images.bin, or twice in its "
+              "feature {} of '{}' does not belong to {} in images.bin, or occurs twice in its "
               "track",
               feature, printable(model_.images[static_cast<std::size_t>(image->second)].name),
               what));

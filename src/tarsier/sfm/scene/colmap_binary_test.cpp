@@ -97,9 +97,9 @@ TEST(ColmapBinary, CountsBeyondTheFileSizeAreRefused) {
     write_file_atomically(path, complete);
     return what;
   };
-  EXPECT_THAT(error_of("cameras.bin", 0, std::uint64_t{1} << 60), HasSubstr("cut short"));
-  EXPECT_THAT(error_of("images.bin", 0, 999'999), HasSubstr("cut short"));
-  EXPECT_THAT(error_of("points3D.bin", 0, std::uint64_t{1} << 40), HasSubstr("cut short"));
+  EXPECT_THAT(error_of("cameras.bin", 0, std::uint64_t{1} << 60), HasSubstr("truncated"));
+  EXPECT_THAT(error_of("images.bin", 0, 999'999), HasSubstr("truncated"));
+  EXPECT_THAT(error_of("points3D.bin", 0, std::uint64_t{1} << 40), HasSubstr("truncated"));
   EXPECT_THAT(error_of("cameras.bin", 8, 1 | (std::uint64_t{77} << 32)),
               HasSubstr("model number 77"));
   EXPECT_THAT(error_of("images.bin", 12, 0x7ff8000000000000U), HasSubstr("not finite"));

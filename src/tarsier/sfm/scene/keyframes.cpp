@@ -185,11 +185,13 @@ std::optional<Keyframe> KeyframePicker::offer(const cv::Mat& frame, std::int64_t
                                               double time) {
   const bool is_frame =
       frame.dims == 2 && !frame.empty() && (frame.type() == CV_8UC3 || frame.type() == CV_8UC1);
-  TARSIER_REQUIRE(is_frame, "{}x{}, type {} is no 8-bit frame", frame.cols, frame.rows,
+  TARSIER_REQUIRE(is_frame, "{}x{} px, type {}: expected an 8-bit frame", frame.cols, frame.rows,
                   frame.type());
-  TARSIER_REQUIRE(size_.empty() || frame.size() == size_, "{}x{} px behind {}x{}", frame.cols,
-                  frame.rows, size_.width, size_.height);
-  TARSIER_REQUIRE(size_.empty() || index > last_index_, "frame {} behind {}", index, last_index_);
+  TARSIER_REQUIRE(size_.empty() || frame.size() == size_,
+                  "a frame of {}x{} px after one of {}x{} px", frame.cols, frame.rows, size_.width,
+                  size_.height);
+  TARSIER_REQUIRE(size_.empty() || index > last_index_, "frame {} after frame {}", index,
+                  last_index_);
   const bool is_first = size_.empty();
   size_ = frame.size();
   last_index_ = index;

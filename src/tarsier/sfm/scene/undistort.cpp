@@ -44,9 +44,11 @@ Model undistorted_model(const Model& model) {
     for (cv::Point2f& feature : image.features) {
       const auto point = from.normalized_of({feature.x, feature.y});
       if (!point) {
-        throw Error(ErrorKind::kInput,
-                    fmt::format("the feature ({}, {}) of '{}' is too far outside to be undistorted",
-                                feature.x, feature.y, printable(image.name)));
+        throw Error(
+            ErrorKind::kInput,
+            fmt::format(
+                "the feature ({}, {}) of '{}' is too far outside the image to be undistorted",
+                feature.x, feature.y, printable(image.name)));
       }
       const cv::Point2d pixel = to.pixel_of(*point);
       feature = {static_cast<float>(pixel.x), static_cast<float>(pixel.y)};
@@ -66,10 +68,10 @@ void export_undistorted(const std::string& folder, const Model& model,
     if (!is_image_path(image.name)) {
       throw OutputError(
           printable(file),
-          "unknown ending for an image: .jpg, .png, .webp, .bmp and .ppm are written");
+          "this image file extension cannot be written: use .jpg, .png, .webp, .bmp, .ppm");
     }
     if (!files.insert(fs::path(image.name).lexically_normal()).second)
-      throw OutputError(printable(file), "would be written twice");
+      throw OutputError(printable(file), "two images would be written to this file");
     const geometry::Camera& camera =
         model.cameras[index_of(image.camera, model.cameras.size(), image.name)];
     if (std::max(camera.width, camera.height) > kMaxUndistortedSide) {
@@ -92,8 +94,8 @@ void export_undistorted(const std::string& folder, const Model& model,
     const cv::Mat pixels = read_named_image(image.name);
     if (pixels.cols != from.width || pixels.rows != from.height) {
       throw InputError(printable(image.name),
-                       fmt::format("has {}x{} px, its camera {}x{}", pixels.cols, pixels.rows,
-                                   from.width, from.height));
+                       fmt::format("the image has {}x{} px, but its camera has {}x{} px",
+                                   pixels.cols, pixels.rows, from.width, from.height));
     }
     const fs::path path = images_folder / image.name;
     make_folder(path.parent_path().string());

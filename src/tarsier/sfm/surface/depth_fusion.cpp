@@ -64,7 +64,7 @@ Views usable_views(const Workspace& workspace, const VolumeOptions& options, Pro
         workspace.folder(),
         "has no depth maps (stereo/depth_maps/*.geometric.bin): run tarsier sfm dense");
   if (views.list.empty())
-    throw InputError(workspace.folder(), "no depth map has a known depth: there is no surface");
+    throw InputError(workspace.folder(), "no depth map contains a depth: there is no surface");
   std::nth_element(footprints.begin(),
                    footprints.begin() + static_cast<std::ptrdiff_t>(footprints.size() / 2),
                    footprints.end());
@@ -107,17 +107,20 @@ FusedVolume fuse_depth_maps(const Workspace& workspace, const VolumeOptions& opt
   auto blocks = blocks_of(workspace, views.list, voxel, limit, options, stop);
   while (!blocks) {
     if (options.voxel > 0)
-      throw UsageError(fmt::format(
-          "voxels of {:.4g} need more than {:.3g} GB: give larger ones (option 'voxel') or more "
-          "memory (option 'memory_gb')",
-          voxel, options.memory_gb));
+      throw UsageError(
+          fmt::format("voxels of {:.4g} need more than {:.3g} GB of memory: set larger voxels "
+                      "(option 'voxel') or a higher limit (option 'memory_gb')",
+                      voxel, options.memory_gb));
     voxel *= kVoxelGrowth;
     result.coarser = true;
     blocks = blocks_of(workspace, views.list, voxel, limit, options, stop);
   }
   if (blocks->empty())
-    throw InputError(workspace.folder(),
-                     fmt::format("all depths are too far away for voxels of {:.4g}", voxel));
+    throw InputError(
+        workspace.folder(),
+        fmt::format(
+            "all depths are too large for voxels of {:.4g}: set larger voxels (option 'voxel')",
+            voxel));
   result.volume = VoxelVolume(voxel);
   result.volume.allocate(std::move(*blocks));
   progress.begin("fuse", result.views, "images");

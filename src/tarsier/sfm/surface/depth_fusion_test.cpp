@@ -259,7 +259,7 @@ TEST_F(DepthFusionTest, ErrorsNameWhatIsMissing) {
   write_workspace(
       folder_, [](const auto&, const auto&) { return std::nullopt; }, test_camera(40, 30, 35),
       poses);
-  EXPECT_THAT(error_of(folder_, {}), HasSubstr("no depth map has a known depth"));
+  EXPECT_THAT(error_of(folder_, {}), HasSubstr("no depth map contains a depth"));
   std::filesystem::remove_all(path("stereo"));
   EXPECT_THAT(error_of(folder_, {}), HasSubstr("run tarsier sfm dense"));
 }

@@ -58,7 +58,9 @@ class Writer {
     while (text.size() % 4 != 0) text.push_back(' ');
     const std::size_t length = 12 + 8 + text.size() + 8 + binary.size();
     if (length > std::numeric_limits<std::uint32_t>::max())
-      throw OutputError(name, "a .glb file ends at 4 GB: fewer faces, or .ply");
+      throw OutputError(name,
+                        "a .glb file is limited to 4 GB: reduce the number of faces (option "
+                        "'faces'), or write .ply");
     std::string bytes;
     bytes.reserve(length);
     put(bytes, kMagic);

@@ -94,7 +94,7 @@ SurfaceScores evaluate_surface(const Workspace& cameras, const SurfaceMesh& trut
                                Progress& progress, const std::stop_token& stop) {
   for (const SurfaceMesh* mesh : {&truth, &surface}) {
     mesh->check();
-    TARSIER_REQUIRE(area_of(*mesh) > 0, "a surface without area");
+    TARSIER_REQUIRE(area_of(*mesh) > 0, "the surface has no area");
   }
   SurfaceScores scores;
   scores.errors = surface;
@@ -118,7 +118,7 @@ SurfaceScores evaluate_surface(const Workspace& cameras, const SurfaceMesh& trut
     if (seen[k] >= 2) truth_points[count++] = truth_points[k];
   truth_points.resize(count);
   if (truth_points.empty())
-    throw InputError(cameras.folder(), "no part of it is seen by two images");
+    throw InputError(cameras.folder(), "no part of the ground truth surface is seen by two images");
 
   scores.extent = extent_of(truth_points);
   const float limit = distance_limit(scores.extent);

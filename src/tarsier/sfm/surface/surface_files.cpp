@@ -129,7 +129,7 @@ class PlyRecords {
   }
   void read(char* bytes, std::size_t count) {
     if (!stream_.read(bytes, static_cast<std::streamsize>(count)))
-      throw InputError(path_, "is cut short: it ends before its last record");
+      throw InputError(path_, "is truncated before its last record");
   }
 
  private:
@@ -169,7 +169,7 @@ void read_faces(PlyRecords& records, const PlyElement& element, const std::strin
   const PlyProperty* indices = element.find("vertex_indices");
   if (indices == nullptr) indices = element.find("vertex_index");
   if (indices == nullptr || !indices->is_list())
-    throw InputError(path, "has faces without a list vertex_indices");
+    throw InputError(path, "has faces without the list 'vertex_indices'");
   const auto vertices = static_cast<double>(mesh.vertices.size());
   std::vector<int> polygon;
   for (std::int64_t i = 0; i < element.count; ++i) {
@@ -182,7 +182,8 @@ void read_faces(PlyRecords& records, const PlyElement& element, const std::strin
         const double value = records.number(property.type);
         if (&property != indices) continue;
         if (!(value >= 0 && value < vertices))
-          throw InputError(path, fmt::format("face {} has vertex {} of {}", i, value, vertices));
+          throw InputError(path,
+                           fmt::format("face {} refers to vertex {} of {}", i, value, vertices));
         polygon.push_back(static_cast<int>(value));
       }
     }
@@ -233,7 +234,7 @@ void write_surface(const std::string& path, const TexturedSurface& surface,
   surface.mesh.check();
   if (surface.texture)
     TARSIER_REQUIRE(surface.texture->corners.size() == surface.mesh.faces.size(),
-                    "a texture of another surface");
+                    "the texture belongs to another surface");
   const SurfaceFormat format = surface_format_of(path);
   if (format == SurfaceFormat::kGlb) {
     write_file_atomically(path, glb_of(surface, upright, path));
@@ -263,12 +264,12 @@ SurfaceMesh read_surface(const std::string& path) {
   } else if (extension == ".ply") {
     mesh = mesh_of_ply(path);
   } else {
-    throw InputError(path, "is no .ply or .obj file: sfm mesh writes either with -o NAME.ply");
+    throw InputError(path, "is not a .ply or .obj file: write one with sfm mesh -o NAME.ply");
   }
   std::erase_if(mesh.faces, [](const Face& face) {
     return face[0] == face[1] || face[1] == face[2] || face[2] == face[0];
   });
-  if (mesh.faces.empty()) throw InputError(path, "has no faces: it is no surface");
+  if (mesh.faces.empty()) throw InputError(path, "has no faces: expected a surface");
   return mesh;
 }
 

@@ -91,7 +91,7 @@ TEST_F(SurfaceFiles, ErrorsNameTheFault) {
     return error_of_reading(path("bad.ply"));
   };
   const std::string complete = other_layout();
-  EXPECT_THAT(error_with(complete.substr(0, complete.size() - 1)), HasSubstr("cut short"));
+  EXPECT_THAT(error_with(complete.substr(0, complete.size() - 1)), HasSubstr("truncated"));
   EXPECT_THAT(error_with(other_layout(std::string("\x03\0\x01\x04", 4))),
               HasSubstr("vertex 4 of 4"));
   EXPECT_THAT(error_with(other_layout(std::string("\x03\0\x01\x01", 4))), HasSubstr("no faces"));
@@ -99,7 +99,7 @@ TEST_F(SurfaceFiles, ErrorsNameTheFault) {
   EXPECT_THAT(error_with("ply\nformat binary_little_endian 1.0\nelement vertex 0\nend_header\n"),
               HasSubstr("no faces"));
   EXPECT_THAT(error_of_reading(path("none.ply")), HasSubstr("cannot be read"));
-  EXPECT_THAT(error_of_reading(path("mesh.glb")), HasSubstr("no .ply or .obj"));
+  EXPECT_THAT(error_of_reading(path("mesh.glb")), HasSubstr("not a .ply or .obj"));
 }
 
 }  // namespace

@@ -91,11 +91,12 @@ BoundaryLoop loop_of(std::vector<int> vertices, const SurfaceMesh& mesh) {
 void SurfaceMesh::check() const {
   for (std::size_t i = 0; i < vertices.size(); ++i)
     TARSIER_REQUIRE(vertices[i].allFinite(), "vertex {} is not finite", i);
-  TARSIER_REQUIRE(colors.empty() || colors.size() == vertices.size(), "{} colours of {} vertices",
+  TARSIER_REQUIRE(colors.empty() || colors.size() == vertices.size(), "{} colours for {} vertices",
                   colors.size(), vertices.size());
   const int count = static_cast<int>(vertices.size());
   for (std::size_t f = 0; f < faces.size(); ++f) {
-    for (const int v : faces[f]) TARSIER_REQUIRE(v >= 0 && v < count, "vertex {} of face {}", v, f);
+    for (const int v : faces[f])
+      TARSIER_REQUIRE(v >= 0 && v < count, "vertex {} of face {} does not exist", v, f);
     TARSIER_REQUIRE(
         faces[f][0] != faces[f][1] && faces[f][1] != faces[f][2] && faces[f][2] != faces[f][0],
         "face {} uses a vertex twice", f);

@@ -40,7 +40,7 @@ class Stages {
 void SurfaceOptions::check() const {
   check_fields(*this);
   volume.check();
-  TARSIER_REQUIRE(texture == 0 || texture >= 64, "texture {}: 0, or 64..16384", texture);
+  TARSIER_REQUIRE(texture == 0 || texture >= 64, "texture {}: expected 0, or 64..16384", texture);
 }
 
 SurfaceReconstructor::SurfaceReconstructor(const SurfaceOptions& options) : options_(options) {

@@ -159,8 +159,8 @@ class Painter {
       scale *= kScaleStep;
       if (scale < kMinScale)
         throw UsageError(
-            fmt::format("{} parts of the surface do not fit into a texture of {} px: give a "
-                        "larger one (option 'texture') or fewer faces (option 'faces')",
+            fmt::format("{} parts of the surface do not fit into a texture of {} px: set a larger "
+                        "texture (option 'texture') or fewer faces (option 'faces')",
                         charts_.size(), job_.size));
     }
     result_.scale = scale;
@@ -412,8 +412,9 @@ class Painter {
 
 SurfaceTexture make_surface_texture(const TextureJob& job, Progress& progress,
                                     const std::stop_token& stop) {
-  TARSIER_REQUIRE(job.size >= 64 && job.size <= 16384, "texture of {} px: 64..16384", job.size);
-  TARSIER_REQUIRE(job.views.size() == job.mesh.faces.size(), "{} views of {} faces",
+  TARSIER_REQUIRE(job.size >= 64 && job.size <= 16384, "texture of {} px: expected 64..16384",
+                  job.size);
+  TARSIER_REQUIRE(job.views.size() == job.mesh.faces.size(), "{} views for {} faces",
                   job.views.size(), job.mesh.faces.size());
   return Painter(job, progress, stop).run();
 }

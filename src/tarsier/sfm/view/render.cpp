@@ -277,7 +277,7 @@ void render_turntable(const Model& model, const ViewOptions& options, int frames
                       const std::function<void(int, const cv::Mat&)>& take) {
   options.check();
   TARSIER_REQUIRE(frames >= 1, "{}", frames);
-  TARSIER_REQUIRE(take != nullptr, "nobody takes the images");
+  TARSIER_REQUIRE(take != nullptr, "no function that receives the images");
   const Scene scene = scene_of(model, options);
   cv::Mat image;
   cv::Mat1f depth;

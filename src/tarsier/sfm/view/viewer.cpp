@@ -106,14 +106,15 @@ nlohmann::json cloud_json(std::size_t count, const Frame& frame, int max_points,
 
 void check(const ViewerLayers& layers) {
   TARSIER_REQUIRE(layers.cloud.colors.size() == layers.cloud.positions.size(),
-                  "{} colours of {} points", layers.cloud.colors.size(),
+                  "{} colours for {} points", layers.cloud.colors.size(),
                   layers.cloud.positions.size());
   const ViewerSurface& surface = layers.surface;
-  TARSIER_REQUIRE(surface.colors.size() == surface.vertices.size(), "{} colours of {} vertices",
+  TARSIER_REQUIRE(surface.colors.size() == surface.vertices.size(), "{} colours for {} vertices",
                   surface.colors.size(), surface.vertices.size());
-  TARSIER_REQUIRE(surface.indices.size() % 3 == 0, "{} corners of faces", surface.indices.size());
+  TARSIER_REQUIRE(surface.indices.size() % 3 == 0, "{} indices of face corners",
+                  surface.indices.size());
   TARSIER_REQUIRE(surface.texture.empty() || surface.uvs.size() == surface.vertices.size(),
-                  "{} places in the texture, of {} vertices", surface.uvs.size(),
+                  "{} texture coordinates for {} vertices", surface.uvs.size(),
                   surface.vertices.size());
   for (const std::uint32_t index : surface.indices)
     TARSIER_REQUIRE(index < surface.vertices.size(), "vertex {} of {}", index,
@@ -254,13 +255,14 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
       "<button type=\"button\" class=\"tv-reset\">Reset</button></div>";
   page += clipping_panel();
   page += "<output class=\"tv-length\" hidden></output><ol hidden></ol></div>\n";
-  page += "<div class=\"tv-legend\"><b>" + label +
-          "</b><span><span class=\"tv-drawn\" "
-          "style=\"display:inline\">" +
-          drawn(shown) + "</span> \u00b7 " + images + more +
-          "</span>\n<span class=\"tv-keys\">drag: turn \u00b7 wheel: zoom \u00b7 shift-drag: move "
-          "\u00b7 double click: reset</span><noscript><span>Needs JavaScript.</span></noscript>"
-          "</div>\n<div class=\"tv-tip\" hidden></div>\n";
+  page +=
+      "<div class=\"tv-legend\"><b>" + label +
+      "</b><span><span class=\"tv-drawn\" "
+      "style=\"display:inline\">" +
+      drawn(shown) + "</span> \u00b7 " + images + more +
+      "</span>\n<span class=\"tv-keys\">drag: rotate \u00b7 wheel: zoom \u00b7 shift-drag: move "
+      "\u00b7 double click: reset</span><noscript><span>Needs JavaScript.</span></noscript>"
+      "</div>\n<div class=\"tv-tip\" hidden></div>\n";
   page += "<script type=\"application/json\" class=\"tv-data\">";
   page += json_in_script(data);
   page += "</script>\n<script>";
