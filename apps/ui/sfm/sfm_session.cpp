@@ -146,14 +146,16 @@ void SfmSession::draw(cv::Mat& image) {
   const int left = std::max(2, cvRound(image_.cols * scale) / 2 * 2);
   const int right = height * 4 / 3 / 2 * 2;
   image.create(height, left + right, CV_8UC3);
-  cv::Mat shown = image(cv::Rect(0, 0, left, height));
-  cv::resize(image_, shown, shown.size(), 0, 0, scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
+  cv::Mat frame_panel = image(cv::Rect(0, 0, left, height));
+  cv::resize(image_, frame_panel, frame_panel.size(), 0, 0,
+             scale < 1 ? cv::INTER_AREA : cv::INTER_LINEAR);
   const int radius = std::max(2, height / 200);
   for (const cv::Point2f& tracked : result_.tracked) {
     const cv::Point2d p = cv::Point2d(tracked) * scale;
     const cv::Point position(cvRound(p.x * 16), cvRound(p.y * 16));
-    cv::circle(shown, position, (radius + 1) * 16, kPointRimColor, cv::FILLED, cv::LINE_AA, 4);
-    cv::circle(shown, position, radius * 16, kPointColor, cv::FILLED, cv::LINE_AA, 4);
+    cv::circle(frame_panel, position, (radius + 1) * 16, kPointRimColor, cv::FILLED, cv::LINE_AA,
+               4);
+    cv::circle(frame_panel, position, radius * 16, kPointColor, cv::FILLED, cv::LINE_AA, 4);
   }
 
   const sfm::Model& model = online_.model();

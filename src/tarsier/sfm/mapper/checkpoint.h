@@ -74,7 +74,7 @@ struct GlobalStartState {
 
 struct MapperState {
   std::vector<PackedModel> models;  // finished models
-  // the last model is set aside: its images are mapped again, globally
+  // the last model does not close its loops: its images are mapped again, globally
   bool has_open_loop_model = false;
   std::vector<std::string> log;
   std::vector<std::string> reasons;               // per image: why it is not registered, up to now

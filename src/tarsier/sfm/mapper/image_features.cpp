@@ -290,10 +290,11 @@ std::vector<std::string> ImageSet::adopt_focal_lengths(const std::vector<Model>&
   std::vector<char> is_seen(cameras_.size(), 0);
   std::vector<char> is_new(cameras_.size(), 0);
   for (const Model& model : models) {
-    std::vector<int> shown(cameras_.size(), 0);
-    for (const Image& image : model.images) shown[at(image.camera)] += image.registered ? 1 : 0;
+    std::vector<int> registered_images(cameras_.size(), 0);
+    for (const Image& image : model.images)
+      registered_images[at(image.camera)] += image.registered ? 1 : 0;
     for (std::size_t c = 0; c < cameras_.size(); ++c) {
-      if (is_guess_[c] == 0 || is_seen[c] != 0 || shown[c] < kMinModelImages) continue;
+      if (is_guess_[c] == 0 || is_seen[c] != 0 || registered_images[c] < kMinModelImages) continue;
       is_seen[c] = 1;
       const double focal = model.cameras[c].fx;
       if (!(std::abs(std::log(focal / cameras_[c].fx)) > min_change)) continue;

@@ -108,8 +108,8 @@ std::vector<int> IncrementalMapper::points_of(const std::vector<int>& images) co
   for (const int image : images) {
     for (const int track : track_of_[at(image)]) {
       if (track < 0 || std::exchange(is_visited[at(track)], 1) != 0) continue;
-      const std::vector<Observation>& shown = model_.points[at(track)].track;
-      if (std::any_of(shown.begin(), shown.end(),
+      const std::vector<Observation>& observations = model_.points[at(track)].track;
+      if (std::any_of(observations.begin(), observations.end(),
                       [&](const Observation& seen) { return is_selected[at(seen.image)] != 0; }))
         result.push_back(track);
     }

@@ -31,7 +31,7 @@ class IncrementalMapper {
   [[nodiscard]] int registered() const { return registered_; }
   [[nodiscard]] std::int64_t observations() const;  // of all points
   // Called with "before" and "after" around each adjustment of the whole model or a part.
-  using Watch = std::function<void(const char* moment, const IncrementalMapper&)>;
+  using Watch = std::function<void(const char* stage, const IncrementalMapper&)>;
   void watch(Watch watch) { watch_ = std::move(watch); }
   // Images whose poses and cameras whose parameters no adjustment changes.
   void fix(std::vector<int> images, std::vector<int> cameras) {

@@ -78,7 +78,7 @@ bool join_cameras(const std::vector<const Model*>& models, Model& joined) {
   return differs;
 }
 
-int points_shown(const Image& image) {
+int observed_points(const Image& image) {
   return static_cast<int>(std::count_if(image.points.begin(), image.points.end(),
                                         [](int point) { return point >= 0; }));
 }
@@ -118,7 +118,7 @@ class Builder {
         log_(result.log),
         left_out_(result.left_out) {}
 
-  // `members`: models, first the one whose frame is kept; `root_from_models`: transforms into that
+  // `members`: models, first the one whose frame is used; `root_from_models`: transforms into that
   // frame.
   Model build(const std::vector<int>& members, const std::vector<Sim3>& root_from_models,
               const std::stop_token& stop) {
@@ -196,9 +196,9 @@ class Builder {
     for (std::size_t m = 0; m < members.size(); ++m) {
       const Image& given = models_[at(members[m])].images[at(i)];
       if (!given.registered) continue;
-      const int shown = points_shown(given);
-      if (shown <= max_points) continue;
-      max_points = shown;
+      const int points = observed_points(given);
+      if (points <= max_points) continue;
+      max_points = points;
       image = given;
       image.pose = geometry::moved_camera(given.pose, root_from_models[m]);
     }

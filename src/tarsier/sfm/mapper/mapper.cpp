@@ -41,7 +41,7 @@ constexpr double kRadians = CV_PI / 180;
 constexpr int kMaxInitialPairs = 20;
 // Options of adjustments in extend_model().
 constexpr IncrementalMapper::RefineOptions kRoughRefinement{.tolerance = 1e-3};
-constexpr int kMaxConflictRounds = 4;     // max times that models are made again without some pairs
+constexpr int kMaxConflictRounds = 4;  // max times that images are mapped again without some pairs
 constexpr int kMaxSmallModelImages = 10;  // images of a model that is cheap to adjust as a whole
 // Start poses count as rough below this share of matches near their epipolar lines.
 constexpr double kMinExactShare = 0.8;
@@ -166,9 +166,9 @@ class Mapping {
                     input_.kind, options_);
     if (input_.start) fix_start_poses();
     if (hooks_.watch) {
-      mapper_->watch([&](const char* moment, const IncrementalMapper& now) {
-        if (moment == std::string_view("before")) ++adjustments_;
-        hooks_.watch(fmt::format("grown-{:03}-{}", adjustments_, moment),
+      mapper_->watch([&](const char* stage, const IncrementalMapper& now) {
+        if (stage == std::string_view("before")) ++adjustments_;
+        hooks_.watch(fmt::format("grown-{:03}-{}", adjustments_, stage),
                      now.finished(input_.colors, 2));
       });
     }
@@ -331,11 +331,12 @@ class Mapping {
 
   // Whether at least half of the start images, and at least two, show points.
   bool has_enough_observations() {
-    std::vector<int> shown(input_.images.size(), 0);
+    std::vector<int> observed_points(input_.images.size(), 0);
     for (const Point& point : mapper_->model().points)
-      for (const Observation& seen : point.track) ++shown[at(seen.image)];
-    const auto enough = static_cast<int>(std::count_if(
-        shown.begin(), shown.end(), [&](int points) { return points >= options_.pose_inliers; }));
+      for (const Observation& seen : point.track) ++observed_points[at(seen.image)];
+    const auto enough = static_cast<int>(
+        std::count_if(observed_points.begin(), observed_points.end(),
+                      [&](int points) { return points >= options_.pose_inliers; }));
     if (enough >= 2 && 2 * enough >= start_.accepted) return true;
     result_.log.push_back(fmt::format(
         "{}only {} of {} images observe {} or more points with a reprojection error below {} px{}",
@@ -561,8 +562,8 @@ class Mapping {
     return true;
   }
 
-  // Whether the scene repeats: a model was taken apart, or its open loops could not be closed
-  // globally.
+  // Whether the scene has repeated structure: a model was rejected because of conflicts, or global
+  // mapping could not close its loops.
   [[nodiscard]] bool is_repetitive() const {
     return input_.is_repetitive || conflict_rounds_ > 0 || loop_stays_open_;
   }
@@ -699,10 +700,11 @@ class Mapping {
   std::optional<IncrementalMapper> mapper_;
   Growth growth_;  // of the model of mapper_
   int adjustments_ = 0;
-  int conflict_rounds_ = 0;       // number of models that were taken apart
+  int conflict_rounds_ = 0;       // number of models rejected because of conflicts
   bool loop_stays_open_ = false;  // a model has open loops and was not improved by global mapping
   std::optional<Model> open_loop_model_;  // has open loops; its images are mapped globally
-  // A model that was taken apart, until its images are mapped again; the result of an interruption.
+  // A model rejected because of conflicts, until its images are mapped again. After an interruption
+  // it is the result.
   std::optional<Model> conflicting_model_;
   bool is_global_ = false;  // how the model of mapper_ began
   // State of a global start of a component, or its refusal.

@@ -62,7 +62,7 @@ double radius_of(const geometry::Camera& camera) {
   return kSearchRadiusPx * std::max(1.0, std::max(camera.width, camera.height) / 1000.0);
 }
 
-// Compares what the images of a model should show of its points with what they show.
+// Compares the points that the images of a model are expected to observe with those they observe.
 class Comparison {
  public:
   explicit Comparison(const Model& model)
@@ -102,11 +102,11 @@ class Comparison {
            std::abs(std::log(one.norm() / other.norm())) / std::log(kMaxScale);
   }
 
-  // The number of rare points of `from` that `to` should show, and how many it shows. Points that
-  // few images should see are rare also because `to` does not show them; then it shows few of the
-  // rare ones in any case. So it is acquitted if it shows enough of the points that are rare in the
-  // other images.
-  [[nodiscard]] ModelConflicts::Evidence shown(int from, int to) const {
+  // The number of rare points of `from` that `to` is expected to observe, and how many it observes.
+  // A point that few images are expected to observe may be rare only because `to` does not observe
+  // it. Such points would always count against `to`. Therefore `to` does not contradict `from`
+  // where it observes enough of the points that are rare in the other images.
+  [[nodiscard]] ModelConflicts::Evidence observed(int from, int to) const {
     Sum rare;
     Sum common;
     Sum rare_elsewhere;
@@ -119,8 +119,9 @@ class Comparison {
                            [](const PointCheck& check, int point) { return check.point < point; });
       if (found == checks.end() || found->point != p) continue;
       (is_rare(views_[at(p)], expected_views_[at(p)]) ? rare : common).add(*found);
-      const int shown = views_[at(p)] - (found->is_shown ? 1 : 0);
-      (is_rare(shown, expected_views_[at(p)] - 1) ? rare_elsewhere : common_elsewhere).add(*found);
+      const int observed = views_[at(p)] - (found->is_observed ? 1 : 0);
+      (is_rare(observed, expected_views_[at(p)] - 1) ? rare_elsewhere : common_elsewhere)
+          .add(*found);
     }
     ModelConflicts::Evidence evidence = evidence_of(rare, common);
     const ModelConflicts::Evidence elsewhere = evidence_of(rare_elsewhere, common_elsewhere);
@@ -133,35 +134,35 @@ class Comparison {
  private:
   struct PointCheck {
     int point;
-    bool is_shown;
+    bool is_observed;
     int chance_matches;  // number of the four positions beside it that have a feature
   };
   // Weak points lie in areas with few features, so chance is measured at the points that are
   // summed.
   struct Sum {
     double points = 0;
-    double shown = 0;
+    double observed = 0;
     double chance_matches = 0;
 
     void add(const PointCheck& check) {
       points += 1;
-      shown += check.is_shown ? 1 : 0;
+      observed += check.is_observed ? 1 : 0;
       chance_matches += check.chance_matches / 4.0;
     }
-    [[nodiscard]] double shown_without_chance() const {
+    [[nodiscard]] double observed_without_chance() const {
       const double chance_rate = std::min(kMaxChanceRate, chance_matches / std::max(1.0, points));
-      return (shown - chance_rate * points) / (1 - chance_rate);
+      return (observed - chance_rate * points) / (1 - chance_rate);
     }
   };
 
-  [[nodiscard]] bool is_rare(int shown, int expected) const {
-    return shown < max_rare_rate_ * expected;
+  [[nodiscard]] bool is_rare(int observed, int expected) const {
+    return observed < max_rare_rate_ * expected;
   }
 
   static ModelConflicts::Evidence evidence_of(const Sum& rare, const Sum& common) {
     if (common.points < kMinCommonPoints) return {};
-    return {rare.points * std::max(0.0, common.shown_without_chance() / common.points),
-            rare.shown_without_chance()};
+    return {rare.points * std::max(0.0, common.observed_without_chance() / common.points),
+            rare.observed_without_chance()};
   }
 
   void find_neighbours() {
@@ -218,7 +219,7 @@ class Comparison {
         check.chance_matches += grid.has(pixel->x + by.x, pixel->y + by.y) ? 1 : 0;
       checks_[to].push_back(check);
       ++expected_views_[at(p)];
-      views_[at(p)] += check.is_shown ? 1 : 0;
+      views_[at(p)] += check.is_observed ? 1 : 0;
     }
   }
 
@@ -316,8 +317,8 @@ ModelConflicts::ModelConflicts(const Model& model)
       if (second < first) continue;
       // Of both directions, the one with less contradiction is used: what one image cannot show,
       // from farther away or from the side, is missing in one direction only.
-      const Evidence one = comparison.shown(first, second);
-      const Evidence other = comparison.shown(second, first);
+      const Evidence one = comparison.observed(first, second);
+      const Evidence other = comparison.observed(second, first);
       const Evidence evidence = one.found - kMinTypicalShare * one.expected >
                                         other.found - kMinTypicalShare * other.expected
                                     ? one

@@ -31,7 +31,7 @@ namespace tarsier::sfm {
 //
 // A point that should appear in few images is rare also because the other image does not show it.
 // So the rarity is computed once more without the other image. The two do not contradict each other
-// where four or more such points are expected and 0.4 or more of them are shown.
+// where four or more such points are expected and 0.4 or more of them are observed.
 class ModelConflicts {
  public:
   // How many of the distinctive points two near images, or the images around them, should share and

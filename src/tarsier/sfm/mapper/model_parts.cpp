@@ -112,7 +112,7 @@ int keep_largest_part(Model& model, int min_common) {
     image = std::move(empty);
   }
   if (left_out == 0) return 0;
-  std::size_t kept = 0;
+  std::size_t remaining = 0;
   for (Point& point : model.points) {
     const std::size_t before = point.track.size();
     std::erase_if(point.track, [&](const Observation& seen) {
@@ -120,12 +120,13 @@ int keep_largest_part(Model& model, int min_common) {
     });
     const bool stays = point.track.size() == before || point.track.size() >= kMinTrackLength;
     for (const Observation& seen : point.track)
-      model.images[at(seen.image)].points[at(seen.feature)] = stays ? static_cast<int>(kept) : -1;
+      model.images[at(seen.image)].points[at(seen.feature)] =
+          stays ? static_cast<int>(remaining) : -1;
     if (!stays) continue;
-    if (&point != &model.points[kept]) model.points[kept] = std::move(point);
-    ++kept;
+    if (&point != &model.points[remaining]) model.points[remaining] = std::move(point);
+    ++remaining;
   }
-  model.points.resize(kept);
+  model.points.resize(remaining);
   return left_out;
 }
 

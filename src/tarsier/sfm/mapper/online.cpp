@@ -139,8 +139,8 @@ void OnlineMapper::add(const Input& input, const std::stop_token& stop) {
       pair.first = partners[at(k)];
       pair.second = latest.input;
       const ImageFeatures& other = p.images[at(pair.first)];
-      const Cache::Pairs& kept = p.cached_pairs[at(pair.first)].pairs;
-      if (const auto entry = kept.find(partner_key(latest)); entry != kept.end()) {
+      const Cache::Pairs& cached = p.cached_pairs[at(pair.first)].pairs;
+      if (const auto entry = cached.find(partner_key(latest)); entry != cached.end()) {
         pair.matches = entry->second.matches;
         pair.view = entry->second.view;
       } else {

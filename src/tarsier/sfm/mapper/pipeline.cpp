@@ -302,14 +302,14 @@ void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatur
     const int first = result.pairs[start].first;
     const bool use_cache = !hooks.on_pair;
     const std::string key = pairs_key(images[at(first)], options);
-    Cache::Pairs kept = use_cache ? cache.pairs(key) : Cache::Pairs{};
+    Cache::Pairs cached_pairs = use_cache ? cache.pairs(key) : Cache::Pairs{};
     std::atomic<bool> fresh{false};
     const auto work = [&](const cv::Range& range) {
       for (int k = range.start; k < range.end; ++k) {
         if (stop.stop_requested()) return;
         Pair& pair = result.pairs[start + at(k)];
-        if (const auto entry = kept.find(partner_key(images[at(pair.second)]));
-            entry != kept.end()) {
+        if (const auto entry = cached_pairs.find(partner_key(images[at(pair.second)]));
+            entry != cached_pairs.end()) {
           pair.matches = entry->second.matches;
           pair.view = entry->second.view;  // replaces tracked matches, if any
           ++from_cache;
@@ -340,9 +340,9 @@ void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatur
     if (fresh && use_cache) {
       for (std::size_t k = start; k < end; ++k) {
         const Pair& pair = result.pairs[k];
-        kept[partner_key(images[at(pair.second)])] = {pair.matches, pair.view};
+        cached_pairs[partner_key(images[at(pair.second)])] = {pair.matches, pair.view};
       }
-      cache.store(key, kept);
+      cache.store(key, cached_pairs);
     }
     for (std::size_t k = start; k < end; ++k) {
       MatchList& inliers = result.pairs[k].view.inliers;

@@ -47,15 +47,16 @@ std::vector<ImageRole> image_roles(const Model& model, const std::vector<int>& i
   for (std::size_t k = 0; k < images.size(); ++k)
     sparse[at(images[k])] = k % step == 0 ? ImageRole::kAnchor : ImageRole::kLocal;
   std::size_t all = 0;
-  std::size_t kept = 0;
+  std::size_t chosen_count = 0;
   std::vector<Observation> chosen;
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     choose_observations(model.points[p], static_cast<int>(p), sparse, limit, chosen);
-    kept += chosen.size();
+    chosen_count += chosen.size();
     all += std::min(model.points[p].track.size(), at(limit));
   }
-  return static_cast<double>(kept) < kMinObservationShare * static_cast<double>(all) ? roles
-                                                                                     : sparse;
+  return static_cast<double>(chosen_count) < kMinObservationShare * static_cast<double>(all)
+             ? roles
+             : sparse;
 }
 
 void choose_observations(const Point& point, int index, const std::vector<ImageRole>& roles,

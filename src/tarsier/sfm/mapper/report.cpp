@@ -75,14 +75,14 @@ const CenterUncertainty* uncertainty_of(const Reconstruction& built, std::size_t
              : nullptr;
 }
 
-// Number of model points that each image shows.
-std::vector<int> points_shown(const Model& model) {
-  std::vector<int> shown(model.images.size(), 0);
+// Number of model points that each image observes.
+std::vector<int> observed_points(const Model& model) {
+  std::vector<int> point_counts(model.images.size(), 0);
   for (std::size_t i = 0; i < model.images.size(); ++i)
-    shown[i] =
+    point_counts[i] =
         static_cast<int>(std::count_if(model.images[i].points.begin(), model.images[i].points.end(),
                                        [](int point) { return point >= 0; }));
-  return shown;
+  return point_counts;
 }
 
 }  // namespace
@@ -90,7 +90,7 @@ std::vector<int> points_shown(const Model& model) {
 nlohmann::ordered_json report_json(const PipelineResult& result) {
   const Reconstruction& built = result.reconstruction;
   Json models = Json::array();
-  std::vector<std::vector<int>> shown;
+  std::vector<std::vector<int>> point_counts;
   for (const Model& model : built.models) {
     models.push_back(model_json(model));
     const std::size_t m = models.size() - 1;
@@ -105,7 +105,7 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
       models.back()["center_sigma_percent"] = rounded(100 * uncertainty->mean, 1e4);
       models.back()["center_sigma_worst_percent"] = rounded(100 * uncertainty->worst, 1e4);
     }
-    shown.push_back(points_shown(model));
+    point_counts.push_back(observed_points(model));
   }
   Json images = Json::array();
   std::size_t index = 0;  // among the readable images
@@ -118,7 +118,7 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
       entry["model"] = report.outcome.model;
       if (!built.trust.empty()) entry["trust"] = rounded(report.outcome.trust, 1e3);
       const auto m = static_cast<std::size_t>(report.outcome.model);
-      entry["points"] = shown[m][index];
+      entry["points"] = point_counts[m][index];
       if (const CenterUncertainty* uncertainty = uncertainty_of(built, m))
         entry["center_sigma_percent"] = rounded(100 * uncertainty->sigmas[index], 1e4);
     } else {

@@ -142,10 +142,10 @@ Reconstruction better_of(Reconstruction first, Reconstruction second) {
       fmt::format("score of the models: first {:.1f}, second {:.1f}; the {} models are used",
                   before, after, is_better ? "second" : "first"));
   const int resumed = first.resumed;
-  Reconstruction kept = std::move(is_better ? second : first);
-  kept.resumed = resumed;
-  kept.log = std::move(log);
-  return kept;
+  Reconstruction better = std::move(is_better ? second : first);
+  better.resumed = resumed;
+  better.log = std::move(log);
+  return better;
 }
 
 Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,

@@ -10,7 +10,7 @@
 
 // Further attempts for scenes that repeat. An image has most in common with its true neighbours,
 // since places that look alike differ in details and surroundings. So the strongest pairs of each
-// image are mapped alone, and their model judges the others. Lists of pairs keep their indices;
+// image are mapped alone, and their model evaluates the others. Lists of pairs keep their indices;
 // pairs that are left out have no inliers.
 namespace tarsier::sfm {
 

@@ -89,18 +89,18 @@ class TrackSet {
 int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
   if (descriptors_.empty() || options_.extend_px <= 0) return 0;
   int gained = 0;
-  // The points that each image shows initially. Later additions are not considered.
-  std::vector<std::vector<int>> shown(model_.images.size());
+  // The points that each image observes initially. Later additions are not considered.
+  std::vector<std::vector<int>> tracks_of_image(model_.images.size());
   for (std::size_t t = 0; t < tracks_.size(); ++t)
     for (const Observation& seen : model_.points[t].track)
-      shown[at(seen.image)].push_back(static_cast<int>(t));
+      tracks_of_image[at(seen.image)].push_back(static_cast<int>(t));
   norms_.resize(descriptors_.size());
   for (std::size_t i = 0; i < norms_.size(); ++i)
     if (norms_[i].empty()) norms_[i] = norms_of(descriptors_[i], kind_);
   TrackSet nearby(tracks_.size());
   std::vector<int> covisible_with(model_.images.size(), -1);
   // for each image: the last track that contains it
-  std::vector<int> shown_by(model_.images.size(), -1);
+  std::vector<int> last_track_of_image(model_.images.size(), -1);
   // for each track: the last image with a feature that joined it
   std::vector<int> joined_in(tracks_.size(), -1);
   std::vector<int> features;
@@ -118,7 +118,7 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
     const Image& view = model_.images[i];
     const geometry::Camera& camera = model_.cameras[at(view.camera)];
     std::vector<int> covisible;
-    for (const int track : shown[i]) {
+    for (const int track : tracks_of_image[i]) {
       for (const Observation& seen : model_.points[at(track)].track) {
         if (covisible_with[at(seen.image)] == image) continue;
         covisible_with[at(seen.image)] = image;
@@ -126,9 +126,9 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
       }
     }
     for (const int other : covisible)
-      for (const int track : shown[at(other)]) nearby.insert(track);
-    for (const int track : shown[i]) nearby.erase(track);  // shown already
-    std::vector<std::pair<int, cv::Point2d>> candidates;   // with expected positions
+      for (const int track : tracks_of_image[at(other)]) nearby.insert(track);
+    for (const int track : tracks_of_image[i]) nearby.erase(track);  // observed already
+    std::vector<std::pair<int, cv::Point2d>> candidates;             // with expected positions
     nearby.take_all([&](int track) {
       const auto pixel = camera.project(view.pose * model_.points[at(track)].position);
       if (pixel && pixel->x >= 0 && pixel->y >= 0 && pixel->x < camera.width &&
@@ -154,12 +154,13 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
         return false;
       });
       if (!may_join) continue;
-      for (const Observation& own : tracks_[at(track)]) shown_by[at(own.image)] = track;
-      if (shown_by[i] == track) continue;  // its own feature there was dropped as an outlier
+      for (const Observation& own : tracks_[at(track)]) last_track_of_image[at(own.image)] = track;
+      if (last_track_of_image[i] == track)
+        continue;  // its own feature there was dropped as an outlier
       const auto shares_an_image = [&](int other) {
         const std::vector<Observation>& theirs = tracks_[at(other)];
         return std::any_of(theirs.begin(), theirs.end(), [&](const Observation& one) {
-          return shown_by[at(one.image)] == track;
+          return last_track_of_image[at(one.image)] == track;
         });
       };
       bool can_join = false;

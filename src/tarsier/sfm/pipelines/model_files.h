@@ -30,7 +30,7 @@ void write_undistorted(const std::string& folder, const Model& model,
                        const std::vector<Input>& inputs, Progress& progress,
                        const std::stop_token& stop);
 
-// Draws both images side by side: kept matches in green, removed ones in red. All matches are drawn
+// Draws both images side by side: inliers in green, outliers in red. All matches are drawn
 // as dots. Lines are drawn only for as many as can be distinguished. Throws InputError.
 [[nodiscard]] cv::Mat draw_matches(const ComparedPair& pair);
 

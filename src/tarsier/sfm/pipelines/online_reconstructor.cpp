@@ -229,18 +229,18 @@ void OnlineReconstructor::track_points() {
 
 void OnlineReconstructor::show_stages(DebugSink& debug) const {
   if (!picker_.corners().empty()) {
-    cv::Mat shown = colored(gray_);
-    draw_tracks(shown, picker_.corners(), picker_.tracked_corners(), {});
-    debug.image("motion", shown);
+    cv::Mat drawing = colored(gray_);
+    draw_tracks(drawing, picker_.corners(), picker_.tracked_corners(), {});
+    debug.image("motion", drawing);
   }
   if (!recent_.empty()) {
     show_features(debug);
     show_matches(debug);
   }
   if (!tracked_.from.empty()) {
-    cv::Mat shown = colored(gray_);
-    draw_tracks(shown, tracked_.from, tracked_.to, tracked_.is_lost);
-    debug.image("tracks", shown);
+    cv::Mat drawing = colored(gray_);
+    draw_tracks(drawing, tracked_.from, tracked_.to, tracked_.is_lost);
+    debug.image("tracks", drawing);
   }
 }
 
@@ -250,14 +250,14 @@ void OnlineReconstructor::show_features(DebugSink& debug) const {
   const Features& features = mapper_.features(latest);
   const std::vector<Image>& images = mapper_.model().images;
   const Image* image = at(latest) < images.size() ? &images[at(latest)] : nullptr;
-  cv::Mat shown = colored(gray);
+  cv::Mat drawing = colored(gray);
   for (std::size_t f = 0; f < features.points.size(); ++f) {
     const bool is_point = image != nullptr && f < image->points.size() && image->points[f] >= 0;
     const int radius = std::clamp(cvRound(features.sizes[f] * scale / 2), 2, 30);
-    cv::circle(shown, features.points[f] * scale, radius, is_point ? kInModelColor : kOtherColor, 1,
-               cv::LINE_AA);
+    cv::circle(drawing, features.points[f] * scale, radius, is_point ? kInModelColor : kOtherColor,
+               1, cv::LINE_AA);
   }
-  debug.image("features", shown);
+  debug.image("features", drawing);
 }
 
 // Draws the earlier key frame on the left, the latest on the right.
@@ -276,8 +276,8 @@ void OnlineReconstructor::show_matches(DebugSink& debug) const {
     earlier = &*entry;
   }
   if (best == nullptr) return;
-  cv::Mat shown;
-  cv::hconcat(colored(earlier->gray), colored(latest.gray), shown);
+  cv::Mat drawing;
+  cv::hconcat(colored(earlier->gray), colored(latest.gray), drawing);
   const Features& first = mapper_.features(best->first);
   const Features& second = mapper_.features(best->second);
   const cv::Point2f right(static_cast<float>(earlier->gray.cols), 0);
@@ -286,11 +286,11 @@ void OnlineReconstructor::show_matches(DebugSink& debug) const {
   for (std::size_t k = 0; k < inliers.size(); k += step) {
     const cv::Point2f from = first.points[at(inliers[k].first)] * earlier->scale;
     const cv::Point2f to = second.points[at(inliers[k].second)] * latest.scale + right;
-    cv::line(shown, from, to, kOtherColor, 1, cv::LINE_AA);
-    cv::circle(shown, from, 2, kInModelColor, cv::FILLED, cv::LINE_AA);
-    cv::circle(shown, to, 2, kInModelColor, cv::FILLED, cv::LINE_AA);
+    cv::line(drawing, from, to, kOtherColor, 1, cv::LINE_AA);
+    cv::circle(drawing, from, 2, kInModelColor, cv::FILLED, cv::LINE_AA);
+    cv::circle(drawing, to, 2, kInModelColor, cv::FILLED, cv::LINE_AA);
   }
-  debug.image("matches", shown);
+  debug.image("matches", drawing);
 }
 
 OnlineResult OnlineReconstructor::result() {

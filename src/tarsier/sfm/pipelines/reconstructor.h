@@ -30,7 +30,7 @@ struct ReconstructorOptions {
   bool binary = false;  // cameras.bin, images.bin, points3D.bin: the model as COLMAP's binary files
   bool database = false;   // database.db: features and matches in COLMAP's format
   bool turntable = false;  // turntable.gif: the rotating point cloud
-  // matches/: an image for each pair, kept matches green, removed ones red
+  // matches/: an image for each pair, inliers green, outliers red
   bool match_images = false;
   void check() const;  // throws std::invalid_argument, which names the value
 };

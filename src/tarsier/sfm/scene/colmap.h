@@ -15,7 +15,7 @@ namespace tarsier::sfm {
 // Writes the registered images, their cameras and all points, numbered from 1 in the order of the
 // model. Creates the folder. Cameras are PINHOLE, OPENCV (distorted, k3 = 0) or FULL_OPENCV. Each
 // file is written completely or not at all. Throws OutputError, also for an image name that cannot
-// stand in a line; std::invalid_argument for an inconsistent model (an index out of range, a track
+// fit into a line; std::invalid_argument for an inconsistent model (an index out of range, a track
 // with fewer than two observations or of an unregistered image, a feature that does not refer to
 // the point of its track, numbers that are not finite).
 void write_colmap(const std::string& folder, const Model& model);

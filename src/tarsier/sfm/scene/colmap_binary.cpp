@@ -195,7 +195,7 @@ class BinaryModel {
       for (int i = 2; i >= 0; --i) point.color[i] = reader.next<std::uint8_t>();
       point.error = std::max(reader.number("the error of " + what), 0.0);
       const auto length = reader.count(kMaxFeatures, 8, "observations of " + what);
-      std::set<int> shown;
+      std::set<int> observing_images;
       for (std::uint64_t t = 0; t < length; ++t) {
         const auto image = images_.find(reader.next<std::uint32_t>());
         const auto feature = reader.next<std::uint32_t>();
@@ -209,7 +209,7 @@ class BinaryModel {
               what));
         ids[feature] = kNoPoint;  // mark as used
         // Of two features of one image the first is kept.
-        if (shown.insert(image->second).second)
+        if (observing_images.insert(image->second).second)
           point.track.push_back({image->second, static_cast<int>(feature)});
       }
       if (point.track.size() < 2) continue;

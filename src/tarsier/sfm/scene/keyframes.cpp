@@ -22,7 +22,7 @@ constexpr double kMinTrackedShare = 0.3;  // share of the corners; with fewer, t
 constexpr float kMaxForwardBackwardError_px = 1;  // px, forward and backward
 constexpr double kMinMotionShare = 0.5;           // of min_motion, for a candidate
 constexpr double kMaxMotionShare = 2;
-// share of the sharpness, at half a window from the moment
+// share of the sharpness, at half a window from the due time
 constexpr double kDistancePenalty = 0.1;
 
 cv::Mat reduced_gray(const cv::Mat& frame) {
@@ -115,7 +115,7 @@ void KeyframePicker::measure(Candidate& candidate) {
   candidate.motion = *median / std::hypot(candidate.gray.cols, candidate.gray.rows);
 }
 
-// Sets or clears the moment at which a key frame is due.
+// Sets or clears the time at which a key frame is due.
 void KeyframePicker::update_trigger(const Candidate& candidate, std::size_t index) {
   lost_ = candidate.is_lost ? lost_ + 1 : 0;
   if (trigger_) {
@@ -129,7 +129,7 @@ void KeyframePicker::update_trigger(const Candidate& candidate, std::size_t inde
     trigger_ = index;
 }
 
-// Whether all frames around the moment have arrived, or the camera is moving too far away.
+// Whether all frames around the due time have arrived, or the camera is moving too far away.
 bool KeyframePicker::is_due() const {
   if (!trigger_) return false;
   const std::size_t frames_after = static_cast<std::size_t>(options_.window - 1) / 2;
@@ -150,8 +150,8 @@ std::optional<Keyframe> KeyframePicker::choose(std::size_t begin, std::size_t en
     const Candidate& candidate = buffer_[k];
     const bool is_in_range = candidate.motion >= kMinMotionShare * options_.min_motion &&
                              candidate.motion <= kMaxMotionShare * options_.min_motion;
-    // The moment itself is always allowed, as a fast camera may leave no other frame. A frame after
-    // a cut needs corners of its own, so that a fade to black gives no key frame.
+    // The frame at the due time is always allowed, as a fast camera may leave no other frame. A
+    // frame after a cut needs corners of its own, so that a fade to black gives no key frame.
     const bool is_allowed = candidate.is_lost ? corners_of(candidate.gray).size() >= kMinCorners
                                               : is_in_range || k == trigger;
     if (!is_allowed) continue;

@@ -43,9 +43,9 @@ struct Keyframe {
 // Up to 300 corners (Shi and Tomasi, CVPR 1994) of the last key frame are tracked into each frame
 // by pyramidal Lucas-Kanade, forward and backward, in images of at most 960 px. Tracking starts at
 // the key frame itself, so nothing drifts while the camera stands still. When the median motion
-// reaches `min_motion`, a key frame is chosen among the `window` frames around that moment whose
+// reaches `min_motion`, a key frame is chosen among the `window` frames around that time whose
 // motion is 0.5 to 2 times as large. The sharpest one wins, after a penalty of up to 10 % for its
-// distance from the moment: an evenly moving camera then gives evenly spaced key frames. A key
+// distance from that time: an evenly moving camera then gives evenly spaced key frames. A key
 // frame is also chosen when the corners are lost for half a window (a cut, a very fast camera). An
 // image without corners has no motion.
 //

@@ -13,7 +13,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr double kFramedShare = 0.95;  // share of the points
-constexpr double kSubjectShare = 0.8;  // share of the points that are taken for the subject
+constexpr double kSubjectShare = 0.8;  // share of the points that count as the subject
 // max factor of the subject's size, e.g. for hills behind a statue
 constexpr double kMaxSubjectFactor = 1.6;
 constexpr double kMaxCameraFactor = 1.35;  // max factor of the points' size

@@ -192,7 +192,7 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
         [&](std::size_t i) { return layers.cloud.colors[i]; });
   }
   if (has_surface) data["mesh"] = surface_json(layers.surface, frame);
-  const auto shown = data["drawn"].get<std::size_t>();
+  const auto drawn_points = data["drawn"].get<std::size_t>();
   std::vector<float> cameras;
   nlohmann::json names = nlohmann::json::array();
   for (const Pyramid& pyramid : camera_pyramids(model, framing)) {
@@ -224,7 +224,7 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
       {"cameras", base64_of(cameras)},
       {"names", std::move(names)},
       {"listed", std::min<std::size_t>(registered, 2000)},
-      {"plainly", drawn(std::min<std::size_t>(shown, 15000))},
+      {"plainly", drawn(std::min<std::size_t>(drawn_points, 15000))},
   });
 
   std::string page;
@@ -259,7 +259,7 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
       "<div class=\"tv-legend\"><b>" + label +
       "</b><span><span class=\"tv-drawn\" "
       "style=\"display:inline\">" +
-      drawn(shown) + "</span> \u00b7 " + images + more +
+      drawn(drawn_points) + "</span> \u00b7 " + images + more +
       "</span>\n<span class=\"tv-keys\">drag: rotate \u00b7 wheel: zoom \u00b7 shift-drag: move "
       "\u00b7 double click: reset</span><noscript><span>Needs JavaScript.</span></noscript>"
       "</div>\n<div class=\"tv-tip\" hidden></div>\n";

@@ -322,7 +322,7 @@ function drawOver(){
   const said=$('.tv-length');
   said.hidden=!measuring;
   if(ends.length===2)said.textContent=written(Math.hypot(...ends[0].map((v,k)=>v-ends[1][k]))*data.unit)+' units of the model';
-  else said.textContent=ends.length?'click the other end':'click two points';
+  else said.textContent=ends.length?'click the second point':'click two points';
 }
 function click(x,y){
   if(!measuring)return;
