@@ -102,7 +102,7 @@ void show_drive(Context& context, DemoPage& page, const plate::Reader& reader) {
   }
   session.finish();
   page.grid(images);
-  page.table({"vehicle", "confidence", "seen", "frames"}, rows, "One row for each vehicle");
+  page.table({"vehicle", "confidence", "time", "frames"}, rows, "One row for each vehicle");
 }
 
 }  // namespace

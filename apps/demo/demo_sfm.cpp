@@ -95,7 +95,7 @@ void demo_sfm(Context& context, DemoPage& page) {
   const sfm::PoseScores scores = sfm::evaluate_poses(model, truth, "model");
   const sfm::ModelStatistics statistics = sfm::statistics_of(model);
   page.table(
-      {"what", "value"},
+      {"quantity", "value"},
       {{"images", fmt::format("{} of {}", scores.registered, scores.total)},
        {"points", std::to_string(model.points.size())},
        {"mean track length (images per point)", fmt::format("{:.1f}", statistics.mean_track)},

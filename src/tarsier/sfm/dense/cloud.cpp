@@ -19,7 +19,7 @@ namespace tarsier::sfm {
 namespace {
 
 static_assert(std::endian::native == std::endian::little,
-              "points are written as they lie in memory");
+              "points are written in their memory layout");
 
 constexpr std::size_t kHeaderBytes = 320;
 constexpr std::size_t kPointBytes = 6 * 4 + 3 + 4;

@@ -22,7 +22,8 @@ namespace {
 constexpr int kMaxSide = 32'766;
 constexpr std::int64_t kMaxBytes = 4'000'000'000;
 
-static_assert(std::endian::native == std::endian::little, "maps are written as they lie in memory");
+static_assert(std::endian::native == std::endian::little,
+              "maps are written in their memory layout");
 
 // The number before the next '&'.
 std::optional<int> next_number(std::string_view& rest) {

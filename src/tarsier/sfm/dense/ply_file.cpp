@@ -14,7 +14,8 @@
 namespace tarsier::sfm {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "numbers are read as they lie in memory");
+static_assert(std::endian::native == std::endian::little,
+              "numbers are read in their memory layout");
 
 template <typename T>
 double as_number(const char* bytes) {

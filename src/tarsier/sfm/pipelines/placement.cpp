@@ -167,7 +167,7 @@ Positions positions_of(const PlacementOptions& options, const Positions& known,
     const std::string what =
         gps ? fmt::format("{} of {} images have a position in EXIF", positions.size(),
                           inputs.size())
-            : fmt::format("{} of {} names are names of images (the first image is '{}')",
+            : fmt::format("{} of {} names belong to images (the first image is '{}')",
                           positions.size(), all.size(),
                           inputs.empty() ? "" : printable(inputs.front().name));
     throw InputError(source_of(options), what + "; three that are not collinear are needed");
@@ -181,7 +181,7 @@ Positions positions_of(const PlacementOptions& options, const Positions& known,
             positions.size()));
   }
   if (positions.size() < all.size()) {
-    log_warning("{}: {} of {} names are not names of images", source_of(options),
+    log_warning("{}: {} of {} names belong to no image", source_of(options),
                 all.size() - positions.size(), all.size());
   }
   return result;

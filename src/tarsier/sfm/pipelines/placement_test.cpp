@@ -149,7 +149,7 @@ TEST(Placement, PositionsAreCheckedBeforeTheReconstruction) {
   };
   EXPECT_EQ(
       error(by_positions(), {{inputs[0].name, {1, 2, 3}}, {"x", {0, 0, 0}}}),
-      "positions.csv: 1 of 2 names are names of images (the first image is 'folder/photo 0.jpg'); "
+      "positions.csv: 1 of 2 names belong to images (the first image is 'folder/photo 0.jpg'); "
       "three that are not collinear are needed");
   Positions line;
   for (std::size_t i = 0; i < 4; ++i)
