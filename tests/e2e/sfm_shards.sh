@@ -99,7 +99,7 @@ broken features-3-of-3 'run: tarsier sfm features work --shard 3/3' head -c 0
 broken match-1-of-3.done 'run: tarsier sfm match' sed 's/"version":[0-9]*/"version":99/'
 broken match-1-of-3.done 'is of another plan' sed 's/"plan":"[0-9a-f]*"/"plan":"00"/'
 broken match-1-of-3.done 'run: tarsier sfm match' printf '[[[['
-broken plan.json 'plan.json: is no plan' sed 's/"shards": 3/"shards": 0/'
+broken plan.json 'plan.json: is not a plan' sed 's/"shards": 3/"shards": 0/'
 broken plan.json 'max_count' sed 's/"max_count": 500/"max_count": -1/'
 cp scene/images/0000.jpg original.jpg
 cp scene/images/0001.jpg scene/images/0000.jpg

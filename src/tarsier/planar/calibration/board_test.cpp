@@ -37,7 +37,7 @@ TEST(BoardSpecTest, IsParsedAndFormatted) {
 
 TEST(BoardSpecTest, RejectsInvalidText) {
   EXPECT_THAT(refusal("chess"), HasSubstr("no size"));
-  EXPECT_THAT(refusal("chess:9"), HasSubstr("'9' is no size"));
+  EXPECT_THAT(refusal("chess:9"), HasSubstr("'9' is not a size"));
   EXPECT_THAT(refusal("chess:9x"), HasSubstr("no size"));
   EXPECT_THAT(refusal("chess:9x6x2"), HasSubstr("no size"));
   EXPECT_THAT(refusal("chess:9x6:1"), HasSubstr("too long"));

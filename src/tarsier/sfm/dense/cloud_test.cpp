@@ -95,7 +95,7 @@ TEST_F(CloudTest, ErrorsNameTheFault) {
     return error_of_reading(path("bad.ply"));
   };
   EXPECT_THAT(error_of_reading(path("none.ply")), HasSubstr("cannot be read"));
-  EXPECT_THAT(error_with(""), HasSubstr("no PLY file"));
+  EXPECT_THAT(error_with(""), HasSubstr("not a PLY file"));
   EXPECT_THAT(error_with(bytes.substr(0, 100)), HasSubstr("cut short"));
   EXPECT_THAT(error_with(bytes.substr(0, bytes.size() - 5)), HasSubstr("ends after 9 of 10"));
   EXPECT_THAT(error_with("ply\nformat ascii 1.0\nelement vertex 0\nend_header\n"),

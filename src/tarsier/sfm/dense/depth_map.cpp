@@ -77,7 +77,8 @@ cv::Mat read_colmap_map(const std::string& path, int channels) {
   const auto height = next_number(rest);
   const auto count = next_number(rest);
   if (!width || !height || !count)
-    throw InputError(path, "is no map of COLMAP: expected 'width&height&channels&' at its start");
+    throw InputError(path,
+                     "is not a map of COLMAP: expected 'width&height&channels&' at its start");
   if (*count != channels) {
     throw InputError(path,
                      fmt::format("has {} numbers for each pixel, expected {}", *count, channels));

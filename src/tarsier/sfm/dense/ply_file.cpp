@@ -74,18 +74,18 @@ std::vector<PlyElement> read_ply_header(std::istream& stream, const std::string&
   std::string line;
   const auto next = [&] {
     if (!std::getline(stream, line) || line.size() > 1000)
-      throw InputError(path, "is no PLY file: its header is cut short");
+      throw InputError(path, "is not a PLY file: its header is cut short");
     if (!line.empty() && line.back() == '\r') line.pop_back();
   };
   next();
-  if (line != "ply") throw InputError(path, "is no PLY file");
+  if (line != "ply") throw InputError(path, "is not a PLY file");
   for (int lines = 0; line != "end_header"; ++lines) {
     if (lines > 200) throw InputError(path, "has a header of more than 200 lines");
     next();
     std::string_view rest = line;
     const std::string_view first = next_word(rest);
     if (first == "format" && next_word(rest) != "binary_little_endian")
-      throw InputError(path, "is no binary little endian PLY file; others are not read");
+      throw InputError(path, "is not a binary little endian PLY file; others are not read");
     if (first == "element") {
       PlyElement element;
       element.name = next_word(rest);

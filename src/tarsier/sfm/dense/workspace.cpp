@@ -74,7 +74,7 @@ Workspace Workspace::open(const std::string& folder) {
   const fs::path path(folder);
   std::error_code ignored;
   if (!fs::is_directory(path, ignored))
-    throw InputError(printable(folder), "is no folder; 'tarsier sfm dense' makes one");
+    throw InputError(printable(folder), "is not a folder; 'tarsier sfm dense' makes one");
   if (!fs::is_directory(path / "sparse", ignored)) {
     throw InputError(printable(folder),
                      "has no folder sparse/ and is none of 'tarsier sfm dense', nor of COLMAP's "

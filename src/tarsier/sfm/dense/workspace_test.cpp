@@ -126,7 +126,7 @@ TEST_F(WorkspaceTest, NormalsAndConfidenceMayBeMissing) {
 }
 
 TEST_F(WorkspaceTest, ErrorsNameWhatIsMissingOrInvalid) {
-  EXPECT_THAT(error_of([&] { (void)Workspace::open(path("none")); }), HasSubstr("is no folder"));
+  EXPECT_THAT(error_of([&] { (void)Workspace::open(path("none")); }), HasSubstr("is not a folder"));
   EXPECT_THAT(error_of([&] { (void)open(); }), HasSubstr("sparse"));
   write_colmap(path("sparse"), synthetic_model());
   EXPECT_THAT(error_of([&] { (void)open(); }), HasSubstr("distortion"));
@@ -143,9 +143,9 @@ TEST_F(WorkspaceTest, ErrorsNameWhatIsMissingOrInvalid) {
   };
   EXPECT_THAT(error_with(bytes.substr(0, bytes.size() - 1)), HasSubstr("expected 12288"));
   EXPECT_THAT(error_with("64&48&3&"), HasSubstr("expected 1"));
-  EXPECT_THAT(error_with("64&0&1&"), HasSubstr("no map of COLMAP"));
-  EXPECT_THAT(error_with("99999999999999999999&1&1&"), HasSubstr("no map of COLMAP"));
-  EXPECT_THAT(error_with(""), HasSubstr("no map of COLMAP"));
+  EXPECT_THAT(error_with("64&0&1&"), HasSubstr("not a map of COLMAP"));
+  EXPECT_THAT(error_with("99999999999999999999&1&1&"), HasSubstr("not a map of COLMAP"));
+  EXPECT_THAT(error_with(""), HasSubstr("not a map of COLMAP"));
   EXPECT_THAT(error_with("2&2&1&" + std::string(16, '\0')), HasSubstr("its camera"));
   DepthMap map = small_map();
   map.depth = cv::Mat1f(48, 48, 1.F);

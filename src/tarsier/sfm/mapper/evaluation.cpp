@@ -89,7 +89,7 @@ PoseTruth read_pose_truth(const std::string& path) {
     try {
       line = parse_json(text, path, kLineLimits);
     } catch (const InputError&) {
-      fail("is no JSON");
+      fail("is not valid JSON");
     }
     if (!line.is_object() || !line.contains("name") || !line["name"].is_string())
       fail("expected {\"name\", \"R\", \"C\"}");
@@ -99,7 +99,7 @@ PoseTruth read_pose_truth(const std::string& path) {
     if (r.empty() || (c.empty() && t.empty())) fail("\"R\" has 9 numbers, \"C\" or \"t\" 3");
     geometry::Rigid3 pose;
     pose.rotation = geometry::from_row_major(std::span(r).first<9>());
-    if (std::abs(pose.rotation.determinant() - 1) > 0.01) fail("\"R\" is no rotation");
+    if (std::abs(pose.rotation.determinant() - 1) > 0.01) fail("\"R\" is not a rotation matrix");
     pose.translation = Eigen::Vector3d((c.empty() ? t : c).data());
     if (!c.empty()) pose.translation = -(pose.rotation * pose.translation);
     truth[line["name"].get<std::string>()] = pose;

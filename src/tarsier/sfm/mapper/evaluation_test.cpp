@@ -46,7 +46,7 @@ TEST_F(PoseTruthFile, ErrorsNameLine) {
   for (const char* bad : {"{", "[]"})
     EXPECT_THAT(refusal(fmt::format("{}\n{}", kLine, bad)), testing::HasSubstr("line 2")) << bad;
   EXPECT_THAT(refusal(R"({"name":"a","R":[2,0,0,0,1,0,0,0,1],"t":[0,0,0]})"),
-              testing::HasSubstr("is no rotation"));
+              testing::HasSubstr("is not a rotation"));
   EXPECT_THAT(refusal(""), testing::HasSubstr("no poses"));
 }
 

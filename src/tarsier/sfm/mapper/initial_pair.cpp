@@ -45,7 +45,7 @@ std::string why_not_registered(const Pair* best, const std::vector<Image>& image
   if (best->view.inliers.empty())
     return fmt::format("too few matches: at most {}, with {}, and no geometry fits them",
                        best->matches, name);
-  return fmt::format("its best pair, {} inliers with {}, is no good start and joins no model",
+  return fmt::format("its best pair, {} inliers with {}, is not a good start and joins no model",
                      best->view.inliers.size(), name);
 }
 

@@ -341,7 +341,7 @@ std::vector<ImagePair> read_pairs_list(const std::string& path,
   std::error_code error;
   const std::filesystem::file_status status = std::filesystem::status(path, error);
   if (!std::filesystem::exists(status)) throw InputError(path, "no such file");
-  if (!std::filesystem::is_regular_file(status)) throw InputError(path, "is no regular file");
+  if (!std::filesystem::is_regular_file(status)) throw InputError(path, "is not a regular file");
   std::ifstream stream(path, std::ios::binary);
   if (!stream) throw InputError(path, "cannot read");
   std::map<std::string_view, int> indices;
@@ -381,7 +381,7 @@ std::vector<ImagePair> read_pairs_list(const std::string& path,
       const std::string_view second = next_word(rest);
       if (second.empty()) fail("expected the names of two images");
       if (!trimmed(rest).empty())
-        fail(fmt::format("'{}' are no names of two images", printable(line.substr(0, 200))));
+        fail(fmt::format("'{}' are not the names of two images", printable(line.substr(0, 200))));
       const std::string_view unknown = indices.count(first) == 0 ? first : second;
       fail(fmt::format("no image is called '{}'", printable(unknown.substr(0, 200))));
     }

@@ -81,7 +81,7 @@ TEST_F(PairsList, ErrorsNameTheLine) {
   EXPECT_EQ(reprojection_error("c.jpg b.jpg"), ": line 1: no image is called 'c.jpg'");
   EXPECT_EQ(reprojection_error("#\na.jpg\n"), ": line 2: expected the names of two images");
   EXPECT_EQ(reprojection_error("a.jpg b.jpg 17\n"),
-            ": line 1: 'a.jpg b.jpg 17' are no names of two images");
+            ": line 1: 'a.jpg b.jpg 17' are not the names of two images");
   EXPECT_EQ(reprojection_error("a.jpg a.jpg\n"), ": line 1: 'a.jpg' is paired with itself");
   EXPECT_EQ(reprojection_error("x y z\n"),
             ": line 1: names with spaces in them, and more than one way to read them");

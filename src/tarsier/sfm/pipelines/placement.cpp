@@ -146,7 +146,7 @@ Positions positions_of(const PlacementOptions& options, const Positions& known,
     for (const std::string& name : {options.distance->first, options.distance->second}) {
       if (std::none_of(inputs.begin(), inputs.end(),
                        [&](const Input& input) { return input.name == name; })) {
-        throw UsageError(fmt::format("{}'{}' is no image here (these are called '{}' ..)",
+        throw UsageError(fmt::format("{}'{}' is not an image here (these are called '{}' ..)",
                                      kDistanceError, printable(name),
                                      inputs.empty() ? "" : printable(inputs.front().name)));
       }
@@ -180,7 +180,7 @@ Positions positions_of(const PlacementOptions& options, const Positions& known,
                                  positions.size()));
   }
   if (positions.size() < all.size()) {
-    log_warning("{}: {} of {} names are no images here", source_of(options),
+    log_warning("{}: {} of {} names are not images here", source_of(options),
                 all.size() - positions.size(), all.size());
   }
   return result;

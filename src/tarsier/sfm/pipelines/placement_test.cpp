@@ -161,7 +161,7 @@ TEST(Placement, PositionsAreCheckedBeforeTheReconstruction) {
   PlacementOptions distance;
   distance.distance = KnownDistance{inputs[0].name, "nobody.jpg", 2};
   EXPECT_THROW((void)positions_of(distance, {}, inputs, {}), UsageError);
-  EXPECT_NE(error(distance, {}).find("'nobody.jpg' is no image here"), std::string::npos);
+  EXPECT_NE(error(distance, {}).find("'nobody.jpg' is not an image here"), std::string::npos);
 }
 
 TEST(Placement, OptionsAreChecked) {

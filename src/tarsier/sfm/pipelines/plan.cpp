@@ -100,7 +100,7 @@ OrderedJson json_of(PipelineOptions options) {
             if constexpr (std::is_arithmetic_v<T>)
               json[part.name][std::string(field.name)] = *value;
             else
-              TARSIER_REQUIRE(false, "the option {} is no number", field.name);
+              TARSIER_REQUIRE(false, "the option {} is not a number", field.name);
           },
           field.value);
     }
@@ -120,7 +120,7 @@ class Members {
   Members(const Json& json, const std::string& path) : json_(json), path_(path) {}
 
   [[noreturn]] void fail(std::string_view name) const {
-    throw InputError(path_, fmt::format("is no plan of this program: '{}'", name));
+    throw InputError(path_, fmt::format("is not a plan of this program: '{}'", name));
   }
   [[nodiscard]] const Json& get(std::string_view name) const {
     if (!json_.is_object()) fail(name);
@@ -360,7 +360,7 @@ Plan read_plan(const std::string& folder) {
     TARSIER_REQUIRE(!plan.options.camera || plan.options.camera->lens == geometry::Lens::kPinhole,
                     "a lens that is not a pinhole");
   } catch (const std::invalid_argument& error) {
-    throw InputError(path, fmt::format("is no plan of this program: {}", error.what()));
+    throw InputError(path, fmt::format("is not a plan of this program: {}", error.what()));
   }
   const Json& images = members.get("images");
   if (!images.is_array() || images.size() < 2) members.fail("images");

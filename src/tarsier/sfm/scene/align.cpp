@@ -96,7 +96,7 @@ class PositionsParser {
     Eigen::Vector3d position = Eigen::Vector3d::Zero();
     for (std::size_t k = 0; k < 3; ++k) {
       if (!numbers[k] || std::abs(*numbers[k]) > kMaxCoordinate)
-        fail(fmt::format("'{}' is no coordinate", printable(words[k].substr(0, 80))));
+        fail(fmt::format("'{}' is not a coordinate", printable(words[k].substr(0, 80))));
       position[static_cast<int>(k)] = *numbers[k];
     }
     if (name.empty()) fail("the name is empty");

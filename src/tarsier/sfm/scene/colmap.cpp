@@ -126,7 +126,7 @@ class LineReader {
     std::error_code error;
     const fs::file_status status = fs::status(path, error);
     if (!fs::exists(status)) throw InputError(path, "no such file");
-    if (!fs::is_regular_file(status)) throw InputError(path, "is no regular file");
+    if (!fs::is_regular_file(status)) throw InputError(path, "is not a regular file");
     stream_.open(path, std::ios::binary);
     if (!stream_) throw InputError(path, "cannot read");
   }

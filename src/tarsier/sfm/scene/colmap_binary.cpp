@@ -53,7 +53,7 @@ class BinaryReader {
     std::error_code error;
     const fs::file_status status = fs::status(path, error);
     if (!fs::exists(status)) throw InputError(path, "no such file");
-    if (!fs::is_regular_file(status)) throw InputError(path, "is no regular file");
+    if (!fs::is_regular_file(status)) throw InputError(path, "is not a regular file");
     left_ = fs::file_size(path, error);
     stream_.open(path, std::ios::binary);
     if (error || !stream_) throw InputError(path, "cannot read");
@@ -73,7 +73,7 @@ class BinaryReader {
   std::uint64_t count(std::uint64_t max_count, std::uint64_t bytes, const std::string& what) {
     const auto value = next<std::uint64_t>();
     if (value > max_count || value > left_ / bytes)
-      fail(fmt::format("{} {}: the file is cut short, or is no such file", value, what));
+      fail(fmt::format("{} {}: the file is cut short or has another format", value, what));
     return value;
   }
   std::string text() {

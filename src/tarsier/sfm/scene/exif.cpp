@@ -280,7 +280,7 @@ std::vector<Eigen::Vector3d> local_metres(const std::vector<Eigen::Vector3d>& gp
   for (const Eigen::Vector3d& place : gps) {
     TARSIER_REQUIRE(
         std::abs(place[0]) <= 90 && std::abs(place[1]) <= 360 && std::isfinite(place[2]),
-        "{}, {} deg, {} m is no place", place[0], place[1], place[2]);
+        "{}, {} deg, {} m is not a place", place[0], place[1], place[2]);
     result.push_back(earth_centred(place));
     mean += result.back();
   }

@@ -185,7 +185,7 @@ std::optional<Keyframe> KeyframePicker::offer(const cv::Mat& frame, std::int64_t
                                               double time) {
   const bool is_frame =
       frame.dims == 2 && !frame.empty() && (frame.type() == CV_8UC3 || frame.type() == CV_8UC1);
-  TARSIER_REQUIRE(is_frame, "{}x{}, type {} is no 8-bit frame", frame.cols, frame.rows,
+  TARSIER_REQUIRE(is_frame, "{}x{}, type {} is not an 8-bit frame", frame.cols, frame.rows,
                   frame.type());
   TARSIER_REQUIRE(size_.empty() || frame.size() == size_, "{}x{} px behind {}x{}", frame.cols,
                   frame.rows, size_.width, size_.height);

@@ -263,12 +263,12 @@ SurfaceMesh read_surface(const std::string& path) {
   } else if (extension == ".ply") {
     mesh = mesh_of_ply(path);
   } else {
-    throw InputError(path, "is no .ply or .obj file: sfm mesh writes either with -o NAME.ply");
+    throw InputError(path, "is not a .ply or .obj file: sfm mesh writes either with -o NAME.ply");
   }
   std::erase_if(mesh.faces, [](const Face& face) {
     return face[0] == face[1] || face[1] == face[2] || face[2] == face[0];
   });
-  if (mesh.faces.empty()) throw InputError(path, "has no faces: it is no surface");
+  if (mesh.faces.empty()) throw InputError(path, "has no faces: it is not a surface");
   return mesh;
 }
 

@@ -99,7 +99,7 @@ TEST_F(SurfaceFiles, ErrorsNameTheFault) {
   EXPECT_THAT(error_with("ply\nformat binary_little_endian 1.0\nelement vertex 0\nend_header\n"),
               HasSubstr("no faces"));
   EXPECT_THAT(error_of_reading(path("none.ply")), HasSubstr("cannot be read"));
-  EXPECT_THAT(error_of_reading(path("mesh.glb")), HasSubstr("no .ply or .obj"));
+  EXPECT_THAT(error_of_reading(path("mesh.glb")), HasSubstr("not a .ply or .obj"));
 }
 
 }  // namespace
