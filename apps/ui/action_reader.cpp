@@ -36,7 +36,7 @@ void ActionReader::take_line(std::string_view line, std::vector<Event>& events) 
     double value = 0;
     const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), value);
     if (error != std::errc() || end != rest.data() + rest.size() || !std::isfinite(value)) {
-      log_warning("action '{}': '{}' is no number", name, rest);
+      log_warning("action '{}': expected a number, got '{}'", name, rest);
       return;
     }
     events.push_back(slider_event(slider->name, std::clamp(value, slider->low, slider->high)));

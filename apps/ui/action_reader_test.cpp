@@ -94,6 +94,7 @@ TEST(ActionReader, SkipsInvalidLinesWithAWarning) {
   EXPECT_THAT(
       log, HasSubstr("unknown action 'dance\\x1b[2J'; known are: sketch, quit, threshold NUMBER"));
   EXPECT_THAT(log, HasSubstr("'threshold' needs a number 0..255"));
+  EXPECT_THAT(log, HasSubstr("action 'threshold': expected a number, got '1e'"));
   EXPECT_THAT(log, HasSubstr("'sketch' takes no value"));
 }
 

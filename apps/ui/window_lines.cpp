@@ -41,7 +41,7 @@ void require(bool holds, fmt::format_string<Args...> reason, Args&&... args) {
 
 double number(const json& object, const char* name, double limit) {
   const auto found = object.find(name);
-  require(found != object.end() && found->is_number(), "'{}' is no number", name);
+  require(found != object.end() && found->is_number(), "'{}': expected a number", name);
   const double value = found->get<double>();
   require(std::isfinite(value) && std::abs(value) <= limit, "'{}' is beyond {}", name, limit);
   return value;
@@ -50,13 +50,13 @@ double number(const json& object, const char* name, double limit) {
 int whole_number(const json& object, const char* name, int low, int high) {
   const double value = number(object, name, 1e9);
   require(value == std::floor(value) && value >= low && value <= high,
-          "'{}' is no whole number {}..{}", name, low, high);
+          "'{}': expected a whole number {}..{}", name, low, high);
   return static_cast<int>(value);
 }
 
 std::string name_in(const json& object, const char* name) {
   const json& value = object.at(name);
-  require(value.is_string(), "'{}' is no text", name);
+  require(value.is_string(), "'{}': expected a text", name);
   auto text = value.get<std::string>();
   require(!text.empty() && text.size() <= kMaxNameLength, "'{}' is empty or too long", name);
   return text;
@@ -109,7 +109,7 @@ std::optional<Event> event_in(const json& object) {
 
 WindowLine parse_window_line(std::string_view line) {
   const json object = json::parse(line, nullptr, false);
-  require(object.is_object(), "no JSON object");
+  require(object.is_object(), "expected a JSON object");
   WindowLine result;
   result.event = event_in(object);
   if (result.event && result.event->kind == Event::Kind::kMouse && object.contains("width"))

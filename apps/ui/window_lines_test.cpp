@@ -110,7 +110,7 @@ TEST(WindowLines, ResultIsIndependentOfPieceSize) {
     EXPECT_EQ(all[1].event->name, "x");
     EXPECT_EQ(all[2].want, true);
     EXPECT_EQ(lines.refused(), 1U);
-    EXPECT_THAT(lines.last_error(), HasSubstr("no JSON object"));
+    EXPECT_THAT(lines.last_error(), HasSubstr("expected a JSON object"));
   }
 }
 

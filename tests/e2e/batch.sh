@@ -84,7 +84,7 @@ expect_status 2
 expect_error '--shard 5/4: expected i/N'
 run ar markers 'synth:scene' --shard 1/4
 expect_status 3
-expect_error 'synth:scene: is no image'
+expect_error 'synth:scene: is not an image'
 run ar markers photos --jsonl x.jsonl --every 2
 expect_status 2
 expect_error 'not with --sequence, --frames, --every'

@@ -26,7 +26,7 @@ expect_error 'typo.toml' "did you mean 'models-dir'"
 printf '[models.lits]\nx = 1\n' >section-typo.toml
 run models list --config section-typo.toml
 expect_status 2
-expect_error 'section-typo.toml' 'no area and verb'
+expect_error 'section-typo.toml' 'not an area and verb'
 
 printf 'threads = "many"\n' >bad-value.toml
 run doctor --config bad-value.toml

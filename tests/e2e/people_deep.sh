@@ -41,7 +41,7 @@ expect_error "its shards end within 'fc'"
 mkdir elsewhere && sed 's|"tiny.bin"|"../tiny/tiny.bin"|' tiny/tiny-weights_manifest.json >elsewhere/tiny-weights_manifest.json
 run models import elsewhere/tiny-weights_manifest.json --any-weights
 expect_status 5
-expect_error 'no file name'
+expect_error 'not a file name'
 [ ! -e data-home ] || fail "something was installed by a refused import"
 run models import gone.json --any-weights
 expect_status 3

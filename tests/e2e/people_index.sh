@@ -95,8 +95,8 @@ expect_index_unused() { # what it says
   expect_status 1
 }
 truncate -s -100 people.db.index; expect_index_unused 'is cut off'
-head -c 10 whole >people.db.index; expect_index_unused 'is no index of templates'
-cp people.db people.db.index; expect_index_unused 'is no index of templates'
+head -c 10 whole >people.db.index; expect_index_unused 'is not an index of templates'
+cp people.db people.db.index; expect_index_unused 'is not an index of templates'
 cp one people.db.index; expect_index_unused 'is of another state of the gallery'
 cp whole people.db.index
 printf 'x' | dd of=people.db.index bs=1 seek=90 conv=notrunc status=none; expect_index_unused 'is damaged'

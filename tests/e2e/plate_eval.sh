@@ -53,7 +53,7 @@ expect_error 'nested.jsonl: line 1'
 { cat truth.csv; echo 'd.jpg,1,2,wide,4,X'; } >broken.csv
 run plate eval results.jsonl --truth broken.csv
 expect_status 3
-expect_error 'broken.csv: line 6: .wide. is no w'
+expect_error 'broken.csv: line 6: .wide. is not a valid w'
 run plate eval results.jsonl --truth truth.csv --truth truth.csv
 expect_status 3
 expect_error "a.jpg' is in two ground-truth files"

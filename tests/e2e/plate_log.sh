@@ -129,7 +129,7 @@ for arguments in '' '--keep 1d'; do
   # shellcheck disable=SC2086
   run plate log noise.db $arguments
   if [ -z "$arguments" ]; then expect_status 3; else expect_status 6; fi
-  expect_error 'noise.db: is no database'
+  expect_error 'noise.db: is not a database'
 done
 cmp -s noise.db before.db || fail 'a strange file was changed'
 mkdir folder.db
@@ -147,7 +147,7 @@ CREATE TABLE secret(x); CREATE VIEW plate AS SELECT 1 AS id, 2 AS first_time, 3 
 PY
 run plate log songs.db
 expect_status 3
-expect_error 'songs.db: is no Tarsier plate log'
+expect_error 'songs.db: is not a Tarsier plate log'
 run plate log newer.db
 expect_status 3
 expect_error 'newer.db: .* version 9'

@@ -91,7 +91,7 @@ expect_refusal 3 'coplanar' --object square.txt --points square-seen.txt --focal
 expect_refusal 3 'line' --object line.txt --points seen.txt --focal 760
 expect_refusal 3 'at least 4 points' --object three.txt --points three-seen.txt --focal 760
 expect_refusal 3 'nan.txt: line 1: .*not finite' --object cube.txt --points nan.txt --focal 760
-expect_refusal 3 "words.txt: line 1: 'one' is no number" --object words.txt --points seen.txt --focal 760
+expect_refusal 3 "words.txt: line 1: expected a number, got 'one'" --object words.txt --points seen.txt --focal 760
 expect_refusal 3 'has 9 points, the object 8' --object cube.txt --points square-seen.txt --focal 760
 expect_refusal 3 'line 2: 2 numbers where a point has 3' --object seen.txt --points seen.txt --focal 760
 expect_refusal 3 'gone.txt' --object gone.txt --points seen.txt --focal 760

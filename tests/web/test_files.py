@@ -158,7 +158,8 @@ class FilesTest(unittest.TestCase):
             self.assertEqual(self.server.call("/api/sets/linked", method="DELETE")[0], 404)
             self.assertEqual(self.server.call("/api/state/linked.txt")[0], 404)
             for reference in (f"set:{self.name}/link.txt", "set:linked", "set:linked/passwd", "ws:linked.txt"):
-                status, answer = self.server.call("/api/run", {"verb": "landmarks show", "inputs": [reference]})
+                status, answer = self.server.call("/api/run", {"verb": "landmarks show", "inputs": [reference],
+                                                               "flags": {"--output": "out:sheet.png"}})
                 self.assertEqual(status, 400, answer)
         finally:
             os.unlink(os.path.join(self.server.workspace, "sets", "linked"))

@@ -44,7 +44,7 @@ const OptionField& field_of(const OptionFields& fields, const void* value) {
                       field.value);
   };
   const auto found = std::find_if(fields.begin(), fields.end(), holds);
-  if (found == fields.end()) throw std::invalid_argument("this is no field of the options");
+  if (found == fields.end()) throw std::invalid_argument("this is not a field of the options");
   return *found;
 }
 

@@ -326,7 +326,8 @@ TEST_F(Config, CommandLineOverridesConfigFile) {
 
 TEST_F(Config, ReportsInvalidEntries) {
   EXPECT_THAT(error("intger = 3\n"), HasSubstr("has no option 'intger': did you mean 'integer'?"));
-  EXPECT_THAT(error("[plate.read]\niou = 3\n"), HasSubstr("[plate.read.iou] is no area and verb"));
+  EXPECT_THAT(error("[plate.read]\niou = 3\n"),
+              HasSubstr("[plate.read.iou] is not an area and verb"));
   EXPECT_THAT(error("number = 3\n"), HasSubstr("--number: expected 0..1, got 3"));
   EXPECT_THROW(Line().parse({"--config", folder_ / "none.toml"}), InputError);
 }

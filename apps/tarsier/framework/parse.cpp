@@ -185,7 +185,7 @@ std::vector<std::string> with_config(Command& root, std::vector<std::string> wor
     if (!entry.parents.empty()) {
       const CommandMatch section = match_command(root, entry.parents);
       if (section.word_count < entry.parents.size() || is_area(*section.command)) {
-        throw UsageError(fmt::format("{}: [{}.{}] is no area and verb", path,
+        throw UsageError(fmt::format("{}: [{}.{}] is not an area and verb", path,
                                      fmt::join(entry.parents, "."), entry.name));
       }
       if (section.command != &verb) continue;

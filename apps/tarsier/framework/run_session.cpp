@@ -99,7 +99,7 @@ class Run {
       if (kind != SinkKind::kVideo) throw UsageError("--segment: needs -o with a video file");
       segment_s_ =
           std::chrono::duration<double>(plate::parse_duration(flags_.segment, "--segment")).count();
-      if (segment_s_ <= 0) throw UsageError("--segment: must be longer than nothing");
+      if (segment_s_ <= 0) throw UsageError("--segment: expected a duration above 0");
     }
     if (opens_window(flags_)) {
       window::prepare();  // before any thread starts

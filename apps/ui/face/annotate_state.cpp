@@ -358,7 +358,7 @@ void AnnotateState::replay(const std::vector<json>& records, const std::string& 
 }
 
 void AnnotateState::apply(const json& record, const std::string& path, std::set<int>* cut) {
-  if (!record.is_object()) throw InputError(path, "a line is no object");
+  if (!record.is_object()) throw InputError(path, "a line is not a JSON object");
   AnnotateState next = *this;
   if (!record.contains("points")) throw InputError(path, "a line's 'points' is missing");
   const int count = index_of(record.at("points"), 0, kMaxPoints + 1, path);
@@ -373,7 +373,7 @@ void AnnotateState::apply(const json& record, const std::string& path, std::set<
   next.points_ = count;
   next.mirror_.resize(at(count), -1);
   for (const json& value : part(record, images_key, json::value_t::array, path)) {
-    if (!value.is_object()) throw InputError(path, "a line's image is no object");
+    if (!value.is_object()) throw InputError(path, "a line's image is not a JSON object");
     const std::string& name =
         part(value, "path", json::value_t::string, path).get_ref<const std::string&>();
     if (name.empty() || name.find('\0') != std::string::npos || name.size() > 4096)

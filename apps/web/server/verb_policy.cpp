@@ -138,6 +138,7 @@ class Builder {
     add_flags();
     add_server_flags();
     add_inputs();
+    if (use_ != Use::kLive) check_output();
     for (const Audited& row : kAudited) {
       if (row.verb == request_.verb && (row.flag.empty() || has(row.flag))) line_.audit = row.event;
     }
@@ -311,6 +312,27 @@ class Builder {
     if (takes("--json")) add("--json");
     if (use_ == Use::kJob && takes("--progress")) add("--progress=json");
     if (takes("--yes")) add("--yes");  // the page has asked the user
+  }
+
+  // Refuses a run or a job that would open a window.
+  void check_output() const {
+    const auto row =
+        std::find_if(kWindowVerbs.begin(), kWindowVerbs.end(),
+                     [&](const WindowVerb& verb) { return verb.verb == request_.verb; });
+    if (row == kWindowVerbs.end()) return;
+    std::string names;
+    for (const std::string_view flag : row->outputs) {
+      if (flag.empty()) continue;
+      if (has(flag)) return;
+      names += fmt::format("{}{}", names.empty() ? "" : " or ", flag);
+    }
+    if (names.empty()) {
+      refuse("'{}' works only in a window; start a live session instead", request_.verb);
+    }
+    refuse(
+        "{}: expected the name of an image file, such as out:image.png; without it '{}' opens a "
+        "window, which only a live session has",
+        names, request_.verb);
   }
 
   void add_inputs() {

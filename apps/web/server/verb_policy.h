@@ -98,7 +98,8 @@ struct CommandLine {
 };
 
 // Throws UsageError, one plain line: unknown verb or flag; a value of the wrong type, out of range
-// or not among the choices; a path instead of a reference; an output in a live session.
+// or not among the choices; a path instead of a reference; an output in a live session; a run or a
+// job that would open a window.
 [[nodiscard]] CommandLine command_line(const VerbTable& verbs, const VerbRequest& request, Use use,
                                        const References& references);
 

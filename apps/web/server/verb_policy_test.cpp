@@ -6,6 +6,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "verb_tables.h"
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <set>
@@ -159,6 +161,58 @@ TEST(VerbPolicy, AddsFlagsOfTheServer) {
   EXPECT_THAT(refusal("sfm reconstruct", {"set:trip"}, {{"--output", "none"}}),
               Not(HasSubstr("taken")));
   EXPECT_THAT(refusal("models list", {}, Json::object(), Use::kLive), HasSubstr("cannot run live"));
+}
+
+TEST(VerbPolicy, RefusesJobsThatWouldOpenAWindow) {
+  for (const Use use : {Use::kRun, Use::kJob}) {
+    EXPECT_THAT(refusal("landmarks show", {"ws:set.yaml"}, Json::object(), use),
+                testing::StartsWith("--output: expected the name of an image file"));
+    EXPECT_THAT(refusal("aam explore", {}, Json::object(), use),
+                testing::StartsWith("--output or --grid: expected the name of an image file"));
+    // A switch that the page may not set makes no difference.
+    EXPECT_THAT(refusal("aam explore", {}, {{"--window", true}, {"--random", true}}, use),
+                testing::StartsWith("--output or --grid: expected the name of an image file"));
+    EXPECT_THAT(refusal("aam explore", {}, {{"--output", nullptr}}, use), Not(HasSubstr("taken")));
+    EXPECT_THAT(refusal("landmarks annotate", {"set:a"}, {{"-o", "ws:faces.json"}}, use),
+                HasSubstr("works only in a window"));
+
+    EXPECT_THAT(line_of("landmarks show", {"ws:set.yaml"}, {{"-o", "out:a.png"}}, use).words,
+                Contains("--output=/w/jobs/j1/files/a.png"));
+    EXPECT_THAT(line_of("aam explore", {}, {{"--output", "out:a.png"}}, use).outputs,
+                ElementsAre("a.png"));
+    EXPECT_THAT(line_of("aam explore", {}, {{"--grid", "out:a.png"}}, use).outputs,
+                ElementsAre("a.png"));
+  }
+  EXPECT_THAT(line_of("landmarks show", {"ws:set.yaml"}, Json::object(), Use::kLive).words,
+              Contains("--window"));
+  EXPECT_THAT(line_of("aam explore", {}, Json::object(), Use::kLive).words, Contains("--window"));
+}
+
+TEST(VerbPolicy, KnowsHowEachVerbOpensNoWindow) {
+  // These open a window only with --window, which no page can give to a run or a job.
+  const std::set<std::string> reviewed = {"calibrate", "sfm reconstruct"};
+  for (const Json& verb : real_verbs().json()["verbs"]) {
+    const std::string name = verb["verb"];
+    if (!has_window(verb) || is_refused_verb(name) || reviewed.contains(name)) continue;
+    const Json* output = VerbTable::find_flag(verb, "--output");
+    const bool has_value = output != nullptr && output->at("headless_value").is_string();
+    const bool is_listed = std::any_of(kWindowVerbs.begin(), kWindowVerbs.end(),
+                                       [&](const WindowVerb& row) { return row.verb == name; });
+    EXPECT_NE(has_value, is_listed)
+        << name << ": its --output needs a headless_value, or the verb a row in kWindowVerbs";
+  }
+  for (const WindowVerb& row : kWindowVerbs) {
+    const Json* verb = real_verbs().find(row.verb);
+    ASSERT_NE(verb, nullptr) << row.verb;
+    EXPECT_TRUE(has_window(*verb)) << row.verb;
+    for (const std::string_view flag : row.outputs) {
+      if (flag.empty()) continue;
+      const Json* found = VerbTable::find_flag(*verb, flag);
+      ASSERT_NE(found, nullptr) << row.verb << ' ' << flag;
+      EXPECT_EQ(found->at("names").front(), flag);
+      EXPECT_EQ(flag_kind(row.verb, flag), FlagKind::kOutput);
+    }
+  }
 }
 
 TEST(VerbPolicy, AcceptsOnlyReferences) {

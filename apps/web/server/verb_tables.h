@@ -411,6 +411,18 @@ inline constexpr auto kFlagExceptions = std::to_array<FlagException>({
     {"landmarks train face-detector", "--window", FlagKind::kValue},
 });
 
+// Verbs that open a window unless a file is asked for, and that have no other value without a
+// window (headless_value). A run or a job has no window, so it needs one of `outputs`.
+struct WindowVerb {
+  std::string_view verb;
+  std::array<std::string_view, 2> outputs;  // "": none; the verb works only in a window
+};
+inline constexpr auto kWindowVerbs = std::to_array<WindowVerb>({
+    {"aam explore", {"--output", "--grid"}},
+    {"landmarks annotate", {}},
+    {"landmarks show", {"--output"}},
+});
+
 inline constexpr auto kSourceInputs = std::to_array<std::string_view>({
     "aam fit",
     "ar markers",

@@ -61,7 +61,7 @@ Camera camera_of_matrix(const std::vector<double>& m, const std::string& path) {
   if (std::abs(m[1]) > 1e-9 * std::abs(m[0]))
     throw InputError(path, fmt::format("the calibration matrix has skew ({}), not modelled", m[1]));
   if (m[3] != 0 || m[6] != 0 || m[7] != 0 || m[8] != 1)
-    throw InputError(path, "is no calibration matrix: [fx 0 cx; 0 fy cy; 0 0 1] is expected");
+    throw InputError(path, "is not a calibration matrix: expected [fx 0 cx; 0 fy cy; 0 0 1]");
   Camera camera;
   camera.fx = m[0];
   camera.cx = m[2];
@@ -132,13 +132,14 @@ class OwnYamlParser {
 
   [[nodiscard]] int side(std::string_view word) const {
     const auto value = to_integer(word, 0, kMaxCameraSide);
-    if (!value) fail(fmt::format("'{}' is no size: 0..{} px", printable(word), kMaxCameraSide));
+    if (!value)
+      fail(fmt::format("'{}' is not a size: expected 0..{} px", printable(word), kMaxCameraSide));
     return static_cast<int>(*value);
   }
 
   [[nodiscard]] double number(std::string_view word) const {
     const auto value = to_number(word);
-    if (!value) fail(fmt::format("'{}' is no finite number", printable(word)));
+    if (!value) fail(fmt::format("'{}' is not a finite number", printable(word)));
     return *value;
   }
 
@@ -185,7 +186,7 @@ const StoredEntry* first_of(const StoredEntries& entries, std::initializer_list<
 
 double number_in(std::string_view text, std::string_view what, const std::string& path) {
   const auto value = to_number(trimmed(text));
-  if (!value) throw InputError(path, fmt::format("{} is no finite number", what));
+  if (!value) throw InputError(path, fmt::format("{} is not a finite number", what));
   return *value;
 }
 
@@ -297,7 +298,7 @@ Camera read_matrix(std::string_view text, const std::string& path) {
       const auto value = to_number(word);
       if (!value || numbers.size() == 9) {
         throw InputError(
-            path, fmt::format("line {}: '{}' is no number of a calibration matrix (3 x 3)", line,
+            path, fmt::format("line {}: '{}' is not a number of a calibration matrix (3 x 3)", line,
                               printable(word.substr(0, 40))));
       }
       numbers.push_back(*value);
@@ -328,9 +329,10 @@ Camera read_any(const std::string& text, const std::string& path,
     return read_colmap_camera(text, path);
   std::string_view words = first;
   if (to_number(next_word(words))) return read_matrix(text, path);
-  throw InputError(path,
-                   "is no camera: camera.yaml, YAML or XML of OpenCV, cameras.txt of COLMAP or a "
-                   "3 x 3 matrix is expected");
+  throw InputError(
+      path,
+      "is not a camera: expected camera.yaml, YAML or XML of OpenCV, cameras.txt of COLMAP or a "
+      "3 x 3 matrix");
 }
 
 std::string joined(std::span<const double> numbers) {
@@ -396,7 +398,7 @@ std::string colmap_text(const Camera& camera) {
 
 Camera read_camera_file(const std::string& path, const CameraFileOptions& options) {
   std::string text = read_file(path, kMaxFileBytes);
-  if (text.find('\0') != std::string::npos) throw InputError(path, "is no text");
+  if (text.find('\0') != std::string::npos) throw InputError(path, "is not a text file");
   if (text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);
   const Camera camera = read_any(text, path, options);
   if (const std::string error = camera_error(camera); !error.empty()) throw InputError(path, error);
@@ -423,7 +425,7 @@ Camera parse_camera(const std::string& text) {
           "camera '{}': {}; fx,fy,cx,cy[,k1,k2,p1,p2[,k3[,k4,k5,k6]]] is expected",
           printable(text.substr(0, 200)),
           value ? std::string("more than 12 numbers")
-                : fmt::format("'{}' is no finite number", printable(word.substr(0, 40)))));
+                : fmt::format("'{}' is not a finite number", printable(word.substr(0, 40)))));
     }
     numbers.push_back(*value);
     if (comma == std::string_view::npos) break;

@@ -93,7 +93,7 @@ TEST_F(CameraFileTest, TarsierFormatMayBeWrittenByHand) {
 
 TEST_F(CameraFileTest, ErrorsInTarsierFilesNameTheLine) {
   EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500", "fx: nan")),
-              HasSubstr("line 4: 'nan' is no finite"));
+              HasSubstr("line 4: 'nan' is not a finite"));
   EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500", "fx: 1e999")), HasSubstr("line 4"));
   EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500", "fx:")), HasSubstr("line 4"));
   EXPECT_THAT(refusal(replaced(kTarsierFile, "fx: 500", "fx: -500")), HasSubstr("not positive"));
@@ -107,8 +107,9 @@ TEST_F(CameraFileTest, ErrorsInTarsierFilesNameTheLine) {
   EXPECT_THAT(refusal(replaced(kTarsierFile, "pinhole", "fischaug")), HasSubstr("'fischaug'"));
   EXPECT_THAT(refusal(replaced(kTarsierFile, "pinhole", "fisheye")),
               HasSubstr("line 8: distortion: 5 numbers, a fisheye lens has 4"));
-  EXPECT_THAT(refusal(replaced(kTarsierFile, "640", "1e3")), HasSubstr("line 2: '1e3' is no size"));
-  EXPECT_THAT(refusal(replaced(kTarsierFile, "640", "99999999999")), HasSubstr("is no size"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "640", "1e3")),
+              HasSubstr("line 2: '1e3' is not a size"));
+  EXPECT_THAT(refusal(replaced(kTarsierFile, "640", "99999999999")), HasSubstr("is not a size"));
   EXPECT_THAT(refusal(replaced(kTarsierFile, "640", "0")), HasSubstr("0x480"));
   for (const char* list : {"[]", "[0, 0, 0, 0]", "[0, 0, 0, 0, 0, 0]", "0", "[", "]", "[0 0 0 0 0]",
                            "[0, 0, inf, 0, 0]", "[,,,,]"}) {
@@ -160,16 +161,16 @@ TEST_F(CameraFileTest, InvalidOpenCvFilesAreRefused) {
     return refusal(replaced(kOpenCvFile, from, to));
   };
   EXPECT_THAT(changed("camera_matrix", "camera_matrox"), HasSubstr("has none of camera_matrix"));
-  EXPECT_THAT(changed("500.", ".Nan"), HasSubstr("no finite number"));
-  EXPECT_THAT(changed("500.", ".Inf"), HasSubstr("no finite number"));
+  EXPECT_THAT(changed("500.", ".Nan"), HasSubstr("not a finite number"));
+  EXPECT_THAT(changed("500.", ".Inf"), HasSubstr("not a finite number"));
   EXPECT_THAT(changed("500.", "-500."), HasSubstr("not positive"));
-  EXPECT_THAT(changed("500.", "abc"), HasSubstr("no finite number"));
+  EXPECT_THAT(changed("500.", "abc"), HasSubstr("not a finite number"));
   EXPECT_THAT(changed("500., 0.", "500., 3."), HasSubstr("skew"));
-  EXPECT_THAT(changed("0., 0., 1. ]", "0., 0., 2. ]"), HasSubstr("no calibration matrix"));
+  EXPECT_THAT(changed("0., 0., 1. ]", "0., 0., 2. ]"), HasSubstr("not a calibration matrix"));
   EXPECT_THAT(changed("0., 0., 1. ]", "0., 0. ]"), HasSubstr("rows x cols"));
   EXPECT_THAT(changed("rows: 3", "rows: 1000000000"), HasSubstr("rows x cols"));
   EXPECT_THAT(changed("rows: 3", "rows: -3"), HasSubstr("rows x cols"));
-  EXPECT_THAT(changed("rows: 3", "raws: 3"), HasSubstr("no finite number"));
+  EXPECT_THAT(changed("rows: 3", "raws: 3"), HasSubstr("not a finite number"));
   EXPECT_THAT(changed("image_width: 640", "image_width: 6.5"), HasSubstr("the width 6.5"));
   EXPECT_THAT(changed("image_width: 640", "image_width: 2000000000"), HasSubstr("the width"));
   EXPECT_THAT(changed("image_width: 640", "fisheye_model: 1"), HasSubstr("four numbers"));
@@ -183,7 +184,7 @@ TEST_F(CameraFileTest, InvalidOpenCvFilesAreRefused) {
   EXPECT_THAT(refusal("%YAML:1.0\n---\n"), HasSubstr("has none of"));
   EXPECT_THAT(refusal("%YAML:1.0\n---\n- 1\n- 2\n"), HasSubstr("line 3"));
   EXPECT_THAT(refusal("%YAML:1.0\n  a: 1\n"), HasSubstr("line 2"));
-  EXPECT_THAT(refusal("%YAML:1.0\n---\nK: !!binary \"$base64$AAAA\"\n"), HasSubstr("no finite"));
+  EXPECT_THAT(refusal("%YAML:1.0\n---\nK: !!binary \"$base64$AAAA\"\n"), HasSubstr("not a finite"));
 
   const std::string xml = "<?xml version=\"1.0\"?>\n<opencv_storage>\n";
   const std::string matrix = "<K a='>'>5 0 3\n0 6 4 0 0 1</K>";
@@ -192,8 +193,8 @@ TEST_F(CameraFileTest, InvalidOpenCvFilesAreRefused) {
   EXPECT_THAT(refusal(xml + matrix), HasSubstr("<opencv_storage> is not closed"));
   EXPECT_THAT(refusal(xml + matrix + matrix), HasSubstr("a second <K>"));
   EXPECT_THAT(refusal(xml + "</K>"), HasSubstr("</K> closes nothing"));
-  EXPECT_THAT(refusal(xml + "<!DOCTYPE x>"), HasSubstr("no tag of OpenCV"));
-  EXPECT_THAT(refusal(xml + "<>"), HasSubstr("no tag of OpenCV"));
+  EXPECT_THAT(refusal(xml + "<!DOCTYPE x>"), HasSubstr("not a tag of OpenCV"));
+  EXPECT_THAT(refusal(xml + "<>"), HasSubstr("not a tag of OpenCV"));
   EXPECT_THAT(refusal(xml + "<!-- "), HasSubstr("cut short"));
   EXPECT_THAT(refusal(xml + "<K a='>"), HasSubstr("cut short"));
   EXPECT_THAT(refusal("<?xml"), HasSubstr("cut short"));
@@ -263,17 +264,17 @@ TEST_F(CameraFileTest, AMatrixIsNineNumbers) {
   EXPECT_THAT(refusal("500 0 320 0 500 240 0 0 1 1\n"), HasSubstr("line 1"));
   EXPECT_THAT(refusal("500 0 320\n0 nan 240\n0 0 1\n"), HasSubstr("line 2: 'nan'"));
   EXPECT_THAT(refusal("500 9 320\n0 500 240\n0 0 1\n"), HasSubstr("skew"));
-  EXPECT_THAT(refusal("500 0 320\n1 500 240\n0 0 1\n"), HasSubstr("no calibration matrix"));
+  EXPECT_THAT(refusal("500 0 320\n1 500 240\n0 0 1\n"), HasSubstr("not a calibration matrix"));
   EXPECT_THAT(refusal("0 0 320\n0 500 240\n0 0 1\n"), HasSubstr("not positive"));
 }
 
 TEST_F(CameraFileTest, OtherFilesAreRefused) {
   EXPECT_THAT(refusal(""), HasSubstr("is empty"));
   EXPECT_THAT(refusal("# nothing\n\n"), HasSubstr("is empty"));
-  EXPECT_THAT(refusal("hello\n"), HasSubstr("is no camera"));
-  EXPECT_THAT(refusal("{\"K\": [1]}\n"), HasSubstr("is no camera"));
-  EXPECT_THAT(refusal("\xFF\xD8\xFF\xE0 JFIF"), HasSubstr("is no camera"));
-  EXPECT_THAT(refusal(kTarsierFile + std::string(1, '\0')), HasSubstr("is no text"));
+  EXPECT_THAT(refusal("hello\n"), HasSubstr("is not a camera"));
+  EXPECT_THAT(refusal("{\"K\": [1]}\n"), HasSubstr("is not a camera"));
+  EXPECT_THAT(refusal("\xFF\xD8\xFF\xE0 JFIF"), HasSubstr("is not a camera"));
+  EXPECT_THAT(refusal(kTarsierFile + std::string(1, '\0')), HasSubstr("is not a text file"));
   EXPECT_THAT(refusal(std::string(1'000'001, ' ')), HasSubstr("larger than"));
   EXPECT_THROW((void)read_camera_file(path("missing")), InputError);
   EXPECT_THROW((void)read_camera_file(folder_), InputError);

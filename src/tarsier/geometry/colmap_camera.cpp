@@ -50,7 +50,7 @@ ColmapCamera parse_colmap_camera(std::string_view text, const std::string& path,
   ColmapCamera result;
   const std::string_view id = next_word(rest);
   const auto id_value = to_integer(id, 0, std::numeric_limits<std::uint32_t>::max());
-  if (!id_value) throw fail(fmt::format("'{}' is no number of a camera", printable(id)));
+  if (!id_value) throw fail(fmt::format("'{}' is not the number of a camera", printable(id)));
   result.id = *id_value;
 
   const std::string_view name = next_word(rest);
@@ -70,7 +70,8 @@ ColmapCamera parse_colmap_camera(std::string_view text, const std::string& path,
     const std::string_view word = next_word(rest);
     const auto value = to_integer(word, 1, kMaxCameraSide);
     if (!value) {
-      throw fail(fmt::format("'{}' is no width or height: 1..{}", printable(word), kMaxCameraSide));
+      throw fail(fmt::format("'{}' is not a width or height: expected 1..{}", printable(word),
+                             kMaxCameraSide));
     }
     *side = static_cast<int>(*value);
   }
@@ -78,7 +79,7 @@ ColmapCamera parse_colmap_camera(std::string_view text, const std::string& path,
     const std::string_view word = next_word(rest);
     const auto value = to_number(word);
     if (!value) {
-      throw fail(fmt::format("'{}' is no number; {} has {} parameters", printable(word),
+      throw fail(fmt::format("'{}' is not a number; {} has {} parameters", printable(word),
                              model->name, model->parameters.size()));
     }
     if (symbol == 'f' || symbol == 'x') camera.fx = *value;

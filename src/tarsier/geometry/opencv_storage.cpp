@@ -128,7 +128,7 @@ class XmlParser {
     if (closes) tag.remove_prefix(1);
     const std::string name(tag.substr(0, tag.find_first_of(" \t\r\n/")));
     if (name.empty() || name.front() == '!')
-      fail(fmt::format("'<{}>' is no tag of OpenCV", printable(tag.substr(0, 60))));
+      fail(fmt::format("'<{}>' is not a tag of OpenCV", printable(tag.substr(0, 60))));
     if (closes) {
       if (names_.empty() || names_.back() != name)
         fail(fmt::format("</{}> closes nothing", printable(name.substr(0, 60))));

@@ -152,7 +152,7 @@ TEST(ModelFields, ErrorsNameTheInvalidField) {
   EXPECT_THAT(refusal("row", nullptr), HasSubstr("'row' is missing"));
   EXPECT_THAT(refusal("parts", json::array()), HasSubstr("parts: a list of 1 to 3"));
   EXPECT_THAT(refusal("parts", json::array({{{"length", 9}}})), HasSubstr("'length' is 9"));
-  EXPECT_THAT(refusal("spare", 4), HasSubstr("no object"));
+  EXPECT_THAT(refusal("spare", 4), HasSubstr("expected an object"));
   EXPECT_THAT(refusal("serial", 0), HasSubstr("'serial'"));
 }
 

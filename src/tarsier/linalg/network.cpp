@@ -268,7 +268,7 @@ const std::vector<float>& run(const Network& network, const float* input, Shape 
 
 void run_layer(const Layer& layer, const float* input, Shape from, Workspace& workspace,
                std::vector<float>& output, bool parallel) {
-  TARSIER_REQUIRE(layer.kind == Layer::Kind::kConvolution, "a maximum is no convolution");
+  TARSIER_REQUIRE(layer.kind == Layer::Kind::kConvolution, "a maximum is not a convolution");
   const Shape to = layer.output(from);
   if (workspace.padded.empty()) workspace.padded.resize(1);
   output.resize(to.size());

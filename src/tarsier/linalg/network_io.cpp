@@ -65,7 +65,7 @@ Network network_from_json(const nlohmann::json& value, const std::string& path) 
       continue;
     }
     if (kind != "convolution")
-      throw ModelError(path, fmt::format("kind: \"{}\" is no kind of layer", kind));
+      throw ModelError(path, fmt::format("kind: \"{}\" is not a kind of layer", kind));
     Layer layer;
     layer.in = in;
     layer.out = out;

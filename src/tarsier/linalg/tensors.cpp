@@ -58,7 +58,7 @@ std::vector<std::string> shards_of(const json& group, const std::string& path) {
     // A shard must be in the folder of its manifest: no other paths are accepted.
     if (name.empty() || name.front() == '.' || name.size() > kMaxName ||
         name.find('/') != std::string::npos || name.find('\0') != std::string::npos)
-      throw ModelError(path, "a shard's name is no file name");
+      throw ModelError(path, "a shard's name is not a file name");
     names.push_back(name);
   }
   return names;

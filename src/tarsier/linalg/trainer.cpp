@@ -273,7 +273,7 @@ void backward(const Network& network, const Workspace& forward,
 void TrainOptions::check() const {
   check_fields(*this);
   TARSIER_REQUIRE(batch >= kShards && batch % kShards == 0 && batch <= 4096,
-                  "a batch of {} is no multiple of {}", batch, kShards);
+                  "a batch of {} is not a multiple of {}", batch, kShards);
 }
 
 void train(Network& network, const TrainOptions& options, const MakeExample& make, const Loss& loss,

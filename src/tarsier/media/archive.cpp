@@ -289,9 +289,9 @@ std::optional<std::uint64_t> product_of(std::span<const std::int64_t> shape) {
 void write_archive(const std::string& path, const Archive& archive) {
   TARSIER_REQUIRE(!archive.type.empty() && archive.version >= 1, "type '{}', version {}",
                   archive.type, archive.version);
-  TARSIER_REQUIRE(archive.payload.is_object(), "the payload of {} is no object", path);
+  TARSIER_REQUIRE(archive.payload.is_object(), "the payload of {} is not a JSON object", path);
   TARSIER_REQUIRE(archive.provenance.is_object() || archive.provenance.is_null(),
-                  "the provenance of {} is no object", path);
+                  "the provenance of {} is not a JSON object", path);
   const json provenance = archive.provenance.is_null() ? json::object() : archive.provenance;
   for (const auto& [name, value] :
        {std::pair<std::string, const json*>{"payload", &archive.payload},
@@ -330,8 +330,8 @@ Archive read_any_archive(const std::string& path, const ArchiveLimits& limits) {
   archive.provenance = root.contains("provenance") ? std::move(root["provenance"]) : json::object();
   archive.payload = std::move(root["payload"]);
   if (archive.type.empty()) throw ModelError(path, "type is empty");
-  if (!archive.provenance.is_object()) throw ModelError(path, "provenance is no object");
-  if (!archive.payload.is_object()) throw ModelError(path, "payload is no object");
+  if (!archive.provenance.is_object()) throw ModelError(path, "'provenance': expected an object");
+  if (!archive.payload.is_object()) throw ModelError(path, "'payload': expected an object");
   return archive;
 }
 
@@ -458,7 +458,8 @@ template PackedArray<std::uint8_t> unpack(const json&, const std::string&, std::
 
 const json& member(const json& object, const std::string& name, const std::string& path) {
   if (!object.is_object())
-    throw ModelError(path, fmt::format("'{}' is looked for in what is no object", name));
+    throw ModelError(path,
+                     fmt::format("'{}' is missing: expected an object that contains it", name));
   const auto found = object.find(name);
   if (found == object.end()) throw ModelError(path, fmt::format("'{}' is missing", name));
   return *found;
@@ -467,7 +468,7 @@ const json& member(const json& object, const std::string& name, const std::strin
 double number_member(const json& object, const std::string& name, const std::string& path,
                      double low, double high) {
   const json& value = member(object, name, path);
-  if (!value.is_number()) throw ModelError(path, fmt::format("'{}' is no number", name));
+  if (!value.is_number()) throw ModelError(path, fmt::format("'{}': expected a number", name));
   const double number = value.get<double>();
   if (!(number >= low && number <= high)) {
     throw ModelError(path, fmt::format("'{}' is {}, outside {}..{}", name, number, low, high));
@@ -479,7 +480,7 @@ std::int64_t integer_member(const json& object, const std::string& name, const s
                             std::int64_t low, std::int64_t high) {
   const json& value = member(object, name, path);
   if (!value.is_number_integer())
-    throw ModelError(path, fmt::format("'{}' is no whole number", name));
+    throw ModelError(path, fmt::format("'{}': expected a whole number", name));
   const bool beyond = value.is_number_unsigned() &&
                       value.get<std::uint64_t>() >
                           static_cast<std::uint64_t>(std::numeric_limits<std::int64_t>::max());
@@ -494,7 +495,7 @@ std::int64_t integer_member(const json& object, const std::string& name, const s
 std::string text_member(const json& object, const std::string& name, const std::string& path,
                         std::size_t max_bytes) {
   const json& value = member(object, name, path);
-  if (!value.is_string()) throw ModelError(path, fmt::format("'{}' is no text", name));
+  if (!value.is_string()) throw ModelError(path, fmt::format("'{}': expected a text", name));
   const auto& text = value.get_ref<const std::string&>();
   if (text.size() > max_bytes) {
     throw ModelError(path,

@@ -309,7 +309,7 @@ void SinkOptions::check() const {
   check_fields(*this);
   TARSIER_REQUIRE(folder_extension.empty() || (folder_extension.find('/') == std::string::npos &&
                                                is_image_path("x" + folder_extension)),
-                  "'{}' is no ending for images", folder_extension);
+                  "'{}' is not an ending of image files", folder_extension);
 }
 
 SinkKind classify_sink(const std::string& text) {

@@ -59,7 +59,7 @@ ListenAddress parse_listen_address(const std::string& url) {
   const auto fail = [&](std::string_view reason) -> ListenAddress {
     throw UsageError(fmt::format("{}: {}; expected http://127.0.0.1:8080/", url, reason));
   };
-  if (url.rfind(kScheme, 0) != 0) return fail("is no http:// address");
+  if (url.rfind(kScheme, 0) != 0) return fail("is not an http:// address");
   std::string_view rest = std::string_view(url).substr(kScheme.size());
   const std::size_t slash = rest.find_first_of("/?#");
   if (slash != std::string_view::npos) {
@@ -90,7 +90,7 @@ ListenAddress parse_listen_address(const std::string& url) {
   }
   if (address.ipv6) {
     if (::inet_pton(AF_INET6, address.host.c_str(), &address.v6) != 1)
-      return fail("that is no IPv6 address");
+      return fail("that is not an IPv6 address");
     address.loopback = IN6_IS_ADDR_LOOPBACK(&address.v6);
     address.any = IN6_IS_ADDR_UNSPECIFIED(&address.v6);
     return address;

@@ -137,8 +137,8 @@ bool is_image_path(std::string_view path) {
 
 std::vector<std::uint8_t> encode_image(std::string_view ending, const cv::Mat& image,
                                        const std::string& name, int jpeg_quality) {
-  TARSIER_REQUIRE(!image.empty() && image.dims == 2, "{}x{} is no image to write to {}", image.cols,
-                  image.rows, name);
+  TARSIER_REQUIRE(!image.empty() && image.dims == 2,
+                  "an array of {}x{} is not an image to write to {}", image.cols, image.rows, name);
   TARSIER_REQUIRE(jpeg_quality >= 1 && jpeg_quality <= 100, "JPEG quality {} outside 1..100",
                   jpeg_quality);
   const std::string kind = lowercase_extension(fmt::format("x{}", ending));

@@ -12,7 +12,7 @@ namespace {
 
 [[noreturn]] void refuse(const std::string& input) {
   throw InputError(masked(input),
-                   "is no image: expected images, folders, globs or @lists of images");
+                   "is not an image: expected images, folders, globs or @lists of images");
 }
 
 // Whether a file of a glob or list is a video.

@@ -55,7 +55,7 @@ PartFile::PartFile(std::string target) : target_(std::move(target)) {
   const bool exists = ::stat(target_.c_str(), &info) == 0;
   if (!exists && errno != ENOENT) fail(target_, "cannot write", errno);
   if (exists && S_ISDIR(info.st_mode)) throw OutputError(target_, "is a folder, not a file");
-  if (exists && !S_ISREG(info.st_mode)) throw OutputError(target_, "is no regular file");
+  if (exists && !S_ISREG(info.st_mode)) throw OutputError(target_, "is not a regular file");
   if (exists && ::access(target_.c_str(), W_OK) != 0) fail(target_, "cannot write", errno);
   if (exists) {  // a symbolic link stays a link
     std::error_code error;

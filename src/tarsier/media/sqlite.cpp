@@ -72,7 +72,7 @@ std::string reason_of(sqlite3* handle, int code) {
     case SQLITE_READONLY:
       return "may not be written";
     case SQLITE_NOTADB:
-      return "is no database";
+      return "is not a database";
     case SQLITE_CORRUPT:
       return "is damaged";
     case SQLITE_NOMEM:
@@ -146,7 +146,7 @@ void Database::check(int code) const {
 void Database::open(DatabaseAccess access, int timeout_ms) {
   struct stat found {};
   const bool exists = ::stat(path_.c_str(), &found) == 0;
-  if (exists && !S_ISREG(found.st_mode)) refuse("is no regular file");
+  if (exists && !S_ISREG(found.st_mode)) refuse("is not a regular file");
   if (!exists && (access != DatabaseAccess::kCreate || errno != ENOENT)) {
     refuse(system_text(errno));
   }
@@ -187,7 +187,7 @@ void Database::identify(const DatabaseKind& kind) {
     if (!writes_) refuse("is empty: no " + kind.name);
     return;
   }
-  if (application != kind.application_id) refuse("is no " + kind.name);
+  if (application != kind.application_id) refuse("is not a " + kind.name);
   const auto newest = static_cast<std::int64_t>(kind.versions.size());
   if (version > newest || version < 1) {
     refuse(

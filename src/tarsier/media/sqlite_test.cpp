@@ -193,7 +193,7 @@ TEST_F(SqliteTest, OtherFilesAreRefusedAndUnchanged) {
     write_file_atomically(path("notes.db"), bytes);
     for (const DatabaseAccess access :
          {DatabaseAccess::kRead, DatabaseAccess::kWrite, DatabaseAccess::kCreate}) {
-      EXPECT_THAT(refusal(access), HasSubstr("is no database")) << bytes.size();
+      EXPECT_THAT(refusal(access), HasSubstr("is not a database")) << bytes.size();
     }
     EXPECT_EQ(contents(path("notes.db")), bytes);
     EXPECT_EQ(files(), 1U);
@@ -206,8 +206,8 @@ TEST_F(SqliteTest, ForeignDatabasesAreRefusedAndUnchanged) {
     const Database database(path("notes.db"), other, DatabaseAccess::kCreate);
   }
   const std::string before = contents(path("notes.db"));
-  EXPECT_THAT(refusal(DatabaseAccess::kRead), HasSubstr("is no test diary"));
-  EXPECT_THAT(refusal(DatabaseAccess::kCreate), HasSubstr("is no test diary"));
+  EXPECT_THAT(refusal(DatabaseAccess::kRead), HasSubstr("is not a test diary"));
+  EXPECT_THAT(refusal(DatabaseAccess::kCreate), HasSubstr("is not a test diary"));
   EXPECT_EQ(contents(path("notes.db")), before);
 }
 
@@ -302,8 +302,8 @@ TEST_F(SqliteTest, DamagedFileIsAnError) {
 
 TEST_F(SqliteTest, FoldersAndInvalidPathsAreRefused) {
   std::filesystem::create_directory(path("notes.db"));
-  EXPECT_THAT(refusal(DatabaseAccess::kRead), HasSubstr("no regular file"));
-  EXPECT_THAT(refusal(DatabaseAccess::kCreate), HasSubstr("no regular file"));
+  EXPECT_THAT(refusal(DatabaseAccess::kRead), HasSubstr("not a regular file"));
+  EXPECT_THAT(refusal(DatabaseAccess::kCreate), HasSubstr("not a regular file"));
   EXPECT_THROW(Database(path("missing/notes.db"), kKind, DatabaseAccess::kCreate), OutputError);
   EXPECT_THROW(Database("", kKind, DatabaseAccess::kCreate), OutputError);
   EXPECT_THROW(Database(":memory:", kKind, DatabaseAccess::kRead), InputError);

@@ -83,7 +83,7 @@ class Reader {
 
   ObjFile read() {
     const std::string text = read_file(path_, limits_.max_bytes);
-    if (text.find('\0') != std::string::npos) throw InputError(path_, "is no OBJ file");
+    if (text.find('\0') != std::string::npos) throw InputError(path_, "is not an OBJ file");
     Lines lines(text);
     file_ = path_;
     lines_ = &lines;
@@ -107,7 +107,7 @@ class Reader {
     // Smaller than any double: treated as 0. For a larger number `value` is undefined.
     if (error == std::errc::result_out_of_range && is_below_one(word)) return 0;
     if (error != std::errc() || end != word.data() + word.size()) {
-      fail(fmt::format("'{}' is no number", shown(word)));
+      fail(fmt::format("'{}' is not a number", shown(word)));
     }
     if (!(std::abs(value) <= kMaxNumber)) {
       fail(fmt::format("{} is not finite or beyond 1e9", shown(word)));
@@ -172,7 +172,7 @@ class Reader {
     std::int64_t value = 0;
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
     if (error != std::errc() || end != word.data() + word.size()) {
-      fail(fmt::format("'{}' is no index", shown(word)));
+      fail(fmt::format("'{}' is not an index", shown(word)));
     }
     const std::int64_t size = static_cast<std::int64_t>(count);
     if (value < -size || value == 0 || value > size) {
@@ -255,7 +255,7 @@ class Reader {
   std::string companion(const std::string& name) const {
     const fs::path given(name);
     if (name.empty() || name.find('\0') != std::string::npos || given.is_absolute()) {
-      fail(fmt::format("'{}' is no name of a file beside the OBJ file", shown(name)));
+      fail(fmt::format("'{}' is not the name of a file beside the OBJ file", shown(name)));
     }
     std::error_code error;
     const fs::path base = fs::weakly_canonical(folder_.empty() ? fs::path(".") : folder_, error);

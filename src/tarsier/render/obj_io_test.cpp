@@ -102,16 +102,17 @@ TEST_F(Obj, RefusesBrokenNumbersAndIndices) {
   EXPECT_THAT(refusal(head + "f 1/1 2/1 3/1\n"), HasSubstr("texture coordinate 1 of 0"));
   EXPECT_THAT(refusal(head + "f 1//7 2//7 3//7\n"), HasSubstr("normal 7 of 0"));
   EXPECT_THAT(refusal(head + "f 1 2\n"), HasSubstr("fewer than three"));
-  EXPECT_THAT(refusal(head + "f 1 2 99999999999999999999\n"), HasSubstr("is no index"));
+  EXPECT_THAT(refusal(head + "f 1 2 99999999999999999999\n"), HasSubstr("is not an index"));
   EXPECT_THAT(refusal(head + "f 1 2 3x\n"), HasSubstr("'3x'"));
   EXPECT_THAT(refusal(head + "v nan 0 0\n"), HasSubstr("not finite"));
   EXPECT_THAT(refusal(head + "v 1e300 0 0\n"), HasSubstr("beyond 1e9"));
-  EXPECT_THAT(refusal(head + "v 1e999 0 0\n"), HasSubstr("'1e999' is no number"));
-  EXPECT_THAT(refusal(head + "v 1" + std::string(400, '0') + " 0 0\n"), HasSubstr("is no number"));
-  EXPECT_THAT(refusal(head + "v 1 2\n"), HasSubstr("'' is no number"));
+  EXPECT_THAT(refusal(head + "v 1e999 0 0\n"), HasSubstr("'1e999' is not a number"));
+  EXPECT_THAT(refusal(head + "v 1" + std::string(400, '0') + " 0 0\n"),
+              HasSubstr("is not a number"));
+  EXPECT_THAT(refusal(head + "v 1 2\n"), HasSubstr("'' is not a number"));
   EXPECT_THAT(refusal(head), HasSubstr("has no faces"));
   EXPECT_THAT(refusal(""), HasSubstr("has no faces"));
-  EXPECT_THAT(refusal(std::string("v 0 0 0\0", 8)), HasSubstr("is no OBJ file"));
+  EXPECT_THAT(refusal(std::string("v 0 0 0\0", 8)), HasSubstr("is not an OBJ file"));
   EXPECT_THROW((void)read_obj(path("none.obj")), InputError);
   EXPECT_THROW((void)read_obj(folder_), InputError);
 }
@@ -146,7 +147,8 @@ TEST_F(Obj, ReadsNothingOutsideItsFolder) {
   const TemporaryFolder elsewhere;
   std::ofstream(elsewhere / "x.mtl") << "newmtl m\n";
   const std::string rest = std::string("\n") + kSquare + "f 1 2 3\n";
-  EXPECT_THAT(refusal("mtllib " + (elsewhere / "x.mtl") + rest), HasSubstr("no name of a file"));
+  EXPECT_THAT(refusal("mtllib " + (elsewhere / "x.mtl") + rest),
+              HasSubstr("not the name of a file"));
   EXPECT_THAT(refusal("mtllib ../x.mtl" + rest), HasSubstr("outside the folder"));
   EXPECT_THAT(refusal("mtllib a/../../x.mtl" + rest), HasSubstr("outside the folder"));
   std::filesystem::create_symlink(elsewhere / "x.mtl", path("link.mtl"));

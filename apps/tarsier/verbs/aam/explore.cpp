@@ -40,7 +40,8 @@ Event parse_set(const std::string& text) {
   const std::size_t equals = text.find('=');
   const auto fail = [&]() -> Event {
     throw UsageError(fmt::format(
-        "--set {}: NAME NUMBER=DEVIATIONS, such as 'shape 1=2', 'look 3=-1', 'mode 2=1'", text));
+        "--set {}: expected NAME NUMBER=DEVIATIONS, such as 'shape 1=2', 'look 3=-1', 'mode 2=1'",
+        text));
   };
   if (equals == std::string::npos) return fail();
   double value = 0;

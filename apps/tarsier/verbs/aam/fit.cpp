@@ -72,7 +72,7 @@ Overlay parse_overlay(const std::string& name) {
   for (const Overlay overlay :
        {Overlay::kMesh, Overlay::kFace, Overlay::kPoints, Overlay::kNothing})
     if (name_of(overlay) == name) return overlay;
-  throw UsageError(fmt::format("--draw {}: mesh, face, points or nothing", name));
+  throw UsageError(fmt::format("--draw {}: expected mesh, face, points or nothing", name));
 }
 
 ExitStatus run_fit(FitFlags& flags, Context& context) {

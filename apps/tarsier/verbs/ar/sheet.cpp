@@ -49,7 +49,8 @@ ExitStatus run_sheet(const SheetFlags& flags, Context& context) {
   options.paper = planar::sheets::parse_paper(flags.page);
   options.margin =
       flags.margin == "0" || flags.margin == "0mm" ? 0 : millimetres(flags.margin, "--margin");
-  if (options.margin > 200) throw UsageError(fmt::format("--margin {}: up to 200mm", flags.margin));
+  if (options.margin > 200)
+    throw UsageError(fmt::format("--margin {}: expected at most 200mm", flags.margin));
   check_raster(flags, options);
   std::vector<planar::sheets::Page> pages;
   std::string title;

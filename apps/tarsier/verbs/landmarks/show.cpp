@@ -245,7 +245,8 @@ const std::map<std::string, Show>& shows() {
 ExitStatus show(const ShowFlags& flags, Context& context) {
   if (flags.search % 2 == 0) {
     throw UsageError(
-        fmt::format("--search {}: an odd number, so that it has a middle", flags.search));
+        fmt::format("--search {}: expected an odd number, so that the region has a middle pixel",
+                    flags.search));
   }
   std::string type;
   try {

@@ -134,7 +134,8 @@ ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
     } else if (flags.method == "average") {
       options.patch_options.method = face::landmarks::PatchMethod::kAverage;
     } else if (flags.method != "ridge") {
-      throw UsageError(fmt::format("--patch-method {}: ridge, sgd or average", flags.method));
+      throw UsageError(
+          fmt::format("--patch-method {}: expected ridge, sgd or average", flags.method));
     }
     const face::landmarks::TrainedModel trained =
         face::landmarks::train_landmark_model(set, "", options, *context.progress, context.stop);

@@ -43,7 +43,7 @@ void add_images_without(const std::string& folder, std::vector<face::shape::Boxe
   for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
     if (entry.is_regular_file(error)) paths.push_back(entry.path().string());
   }
-  if (paths.empty()) throw InputError(folder, "is no folder of images");
+  if (paths.empty()) throw InputError(folder, "is not a folder of images");
   std::sort(paths.begin(), paths.end());
   for (std::string& path : paths) images.push_back({std::move(path), {}, {}, {}});
 }

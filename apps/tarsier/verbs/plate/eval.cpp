@@ -89,10 +89,10 @@ std::vector<ImageReadings> collect_readings(const EvalFlags& flags, const ImageR
   }
   if (images.empty()) return readings;
   if (!reading.make) {
-    throw UsageError(fmt::format(
-        "'{}' is no file of results: the lines of `plate read --json` end in .jsonl, or are - for "
-        "standard input",
-        printable(images.front())));
+    throw UsageError(
+        fmt::format("'{}' is not a file of results: the lines of `plate read --json` end in "
+                    ".jsonl, or are - for standard input",
+                    printable(images.front())));
   }
   for (ImageReadings& image : read_images(images, reading.make(), context)) {
     readings.push_back(std::move(image));

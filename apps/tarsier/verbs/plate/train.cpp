@@ -122,7 +122,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
     flags.inputs.clear();
   }
   if (flags.scenes.empty() && !(flags.confidence_only && flags.calibration == 0))
-    throw UsageError("--scenes: images that the drawn plates are set into are needed");
+    throw UsageError("--scenes: expected images, into which the synthetic plates are drawn");
   const ModelStore models = ModelStore::find();
   std::optional<plate::ReaderModel> start;
   nlohmann::json before;  // provenance of a start model's characters, if they are kept

@@ -69,7 +69,8 @@ void set_overlay(const std::string& what, PoseSessionOptions& options) {
   }
   if (!what.ends_with(".obj") && !what.ends_with(".OBJ")) {
     throw UsageError(fmt::format(
-        "--draw {}: none, axes, box, head, glasses, hat or a Wavefront file (.obj)", what));
+        "--draw {}: expected none, axes, box, head, glasses, hat or a Wavefront file (.obj)",
+        what));
   }
   render::ObjFile file = render::read_obj(what);
   for (const std::string& note : file.notes) log_warning("{}", note);

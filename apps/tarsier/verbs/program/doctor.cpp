@@ -409,7 +409,7 @@ void check_data(std::vector<Item>& items) {
   if (data != nullptr) {
     items.push_back(
         {"data", "test data", found ? Finding::kOk : Finding::kNote,
-         fmt::format("{}{}", data, found ? "" : " is no folder"),
+         fmt::format("{}{}", data, found ? "" : " is not a folder"),
          found ? "" : "only tests of Tarsier itself need it: scripts/get-data.sh list"});
   }
 }

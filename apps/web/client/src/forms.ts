@@ -52,6 +52,10 @@ export const HIDDEN_FLAGS = new Set([
   '--on-event-timeout',
 ]);
 
+// Verbs that open a window unless they write a file (kWindowVerbs in apps/web/server/verb_tables.h). The server
+// refuses them as a run or a job without an output.
+const WINDOW_VERBS = new Set(['aam explore', 'landmarks show']);
+
 // "--min-face": "Min face".
 export function labelOf(name: string): string {
   const words = name.replace(/^--/, '').replaceAll('-', ' ');
@@ -97,6 +101,14 @@ export interface FormOptions {
   only?: string[]; // these flags, in this order
   hide?: Iterable<string>;
   allowed?: (name: string) => boolean;
+  output?: boolean; // also --output, if a run of the verb needs it
+}
+
+// The field of --output, required; undefined if a run of the verb needs none.
+function outputField(verb: VerbHelp): Field | undefined {
+  const flag = verb.flags.find((one) => one.names.includes('--output'));
+  if (!flag || !(flag.required || WINDOW_VERBS.has(verb.verb))) return undefined;
+  return { ...fieldOf(flag), required: true, help: `${flag.help}; give out:NAME` };
 }
 
 export function formGroups(verb: VerbHelp, options: FormOptions = {}): FieldGroup[] {
@@ -108,6 +120,8 @@ export function formGroups(verb: VerbHelp, options: FormOptions = {}): FieldGrou
   } else {
     fields = fields.filter((field) => !hidden.has(field.name));
   }
+  const output = options.output ? outputField(verb) : undefined;
+  if (output) fields = [output, ...fields.filter((field) => field.name !== output.name)];
   if (options.allowed) fields = fields.filter((field) => options.allowed?.(field.name));
   const groups: FieldGroup[] = [];
   for (const field of fields) {
@@ -124,6 +138,26 @@ export function initialValue(field: Field): FormValue {
   if (field.control === 'choices') return Array.isArray(field.default) ? field.default.map(String) : [];
   if (Array.isArray(field.default)) return field.default.join(' ');
   return field.default === null ? '' : String(field.default);
+}
+
+// The value of each field before anybody touched it; `start` replaces defaults.
+export function startValues(groups: FieldGroup[], start: Flags = {}): FormValues {
+  const values: FormValues = {};
+  for (const field of groups.flatMap((group) => group.fields)) {
+    const given = start[field.name];
+    if (given === undefined) values[field.name] = initialValue(field);
+    else if (typeof given === 'boolean') values[field.name] = given;
+    else if (Array.isArray(given))
+      values[field.name] = field.control === 'choices' ? given.map(String) : given.join(' ');
+    else values[field.name] = String(given);
+  }
+  return values;
+}
+
+export function isValid(groups: FieldGroup[], values: FormValues): boolean {
+  return groups
+    .flatMap((group) => group.fields)
+    .every((field) => problemOf(field, values[field.name] ?? initialValue(field)) === '');
 }
 
 const split = (text: string) => text.split(/[\s,]+/).filter((word) => word !== '');

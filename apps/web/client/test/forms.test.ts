@@ -7,8 +7,10 @@ import {
   fieldOf,
   formGroups,
   initialValue,
+  isValid,
   problemOf,
   shellWord,
+  startValues,
   stepOf,
 } from '../src/forms';
 
@@ -100,6 +102,32 @@ test('groups keep their order and omit flags that a browser cannot use', () => {
     ['--axes', '--mode'],
   );
   assert.ok(!formGroups(VERB, { hide: ['--mode'] }).some((g) => g.fields.some((f) => f.name === '--mode')));
+});
+
+test('a run that needs an output has a required field for it', () => {
+  const isRequired = (verb: string, output: FlagHelp, options = { output: true }) => {
+    const fields = formGroups({ ...VERB, verb, flags: [output, MODE] }, options).flatMap((one) => one.fields);
+    return fields.find((field) => field.name === '--output')?.required;
+  };
+  assert.equal(isRequired('landmarks show', OUTPUT), true, 'it would open a window');
+  assert.equal(isRequired('aam explore', OUTPUT), true);
+  assert.equal(isRequired('sfm synth', flag('--output', { required: true })), true);
+  assert.equal(isRequired('cartoon run', OUTPUT), undefined);
+  assert.equal(
+    isRequired('landmarks show', OUTPUT, { output: false }),
+    undefined,
+    'live: the page is its window',
+  );
+
+  const groups = formGroups({ ...VERB, verb: 'landmarks show' }, { output: true });
+  const output = groups[0]!.fields[0]!;
+  assert.equal(output.name, '--output');
+  assert.match(problemOf(output, ''), /Output is required/);
+  assert.equal(isValid(groups, startValues(groups)), false);
+  const values = startValues(groups, { '--output': 'out:a.png', '--kind': ['us'] });
+  assert.equal(isValid(groups, values), true);
+  assert.deepEqual(values['--kind'], ['us']);
+  assert.equal(collectFlags(groups, values)['--output'], 'out:a.png');
 });
 
 test('invalid values give an error message', () => {

@@ -41,7 +41,7 @@ Cascade::Cascade(const std::string& name) {
     classifier_ = nullptr;
   }
   if (!haar_ && classifier_ == nullptr)
-    throw ModelError(path, "is no cascade that this OpenCV reads");
+    throw ModelError(path, "is not a cascade that this OpenCV reads");
 }
 
 cv::Size Cascade::window() const {

@@ -86,7 +86,7 @@ std::optional<Eigen::Matrix3d> rotation_in(const nlohmann::json& face, const std
     const std::array<double, 9> values = numbers<9>(face[name], where);
     const Eigen::Matrix3d r = geometry::from_row_major(values);
     if (!geometry::is_rotation(r, 1e-3)) {
-      throw InputError(where, fmt::format("\"{}\" is no rotation", name));
+      throw InputError(where, fmt::format("\"{}\" is not a rotation matrix", name));
     }
     return r;
   }
@@ -109,10 +109,10 @@ PoseLine line_of(const nlohmann::json& value, const std::string& where) {
   line.image = value["image"].get<std::string>();
   const nlohmann::json* face = &value;
   if (value.contains("faces")) {
-    if (!value["faces"].is_array()) throw InputError(where, "\"faces\" is no list");
+    if (!value["faces"].is_array()) throw InputError(where, "\"faces\": expected a list");
     if (value["faces"].empty()) return line;
     face = &value["faces"][0];
-    if (!face->is_object()) throw InputError(where, "a face is no object");
+    if (!face->is_object()) throw InputError(where, "a face is not a JSON object");
   }
   line.rotation = rotation_in(*face, where);
   line.sigma_deg = sigma_in(*face, where);

@@ -146,9 +146,9 @@ TEST_F(PoseLines, RefusesBrokenLines) {
   EXPECT_THAT(refusal("{}"), HasSubstr("line 1"));
   EXPECT_THAT(refusal("{\"image\":\"a\"}\n{\"image\":"), HasSubstr("line 2"));
   EXPECT_THAT(refusal("{\"image\":\"a\",\"R\":[1,2,3]}"), HasSubstr("9 numbers"));
-  EXPECT_THAT(refusal("{\"image\":\"a\",\"R\":[1,0,0,0,1,0,0,0,2]}"), HasSubstr("no rotation"));
-  EXPECT_THAT(refusal("{\"image\":\"a\",\"R\":[1,0,0,0,1,0,0,0,-1]}"), HasSubstr("no rotation"));
-  EXPECT_THAT(refusal("{\"image\":\"a\",\"faces\":3}"), HasSubstr("no list"));
+  EXPECT_THAT(refusal("{\"image\":\"a\",\"R\":[1,0,0,0,1,0,0,0,2]}"), HasSubstr("not a rotation"));
+  EXPECT_THAT(refusal("{\"image\":\"a\",\"R\":[1,0,0,0,1,0,0,0,-1]}"), HasSubstr("not a rotation"));
+  EXPECT_THAT(refusal("{\"image\":\"a\",\"faces\":3}"), HasSubstr("expected a list"));
   EXPECT_THAT(refusal(R"({"image":"a","yaw":1,"pitch":1,"yaw_sigma_deg":-1})"),
               HasSubstr("\"yaw_sigma_deg\" is below 0"));
   EXPECT_THAT(refusal(""), HasSubstr("no lines"));

@@ -24,11 +24,11 @@ constexpr int kMaxPoints = 10'000;
 std::vector<int> indices(const json& list, const std::string& path, const std::string& name,
                          std::size_t count) {
   if (!list.is_array() || list.size() != count)
-    throw ModelError(path, fmt::format("'{}' is no list of {} numbers", name, count));
+    throw ModelError(path, fmt::format("'{}': expected a list of {} numbers", name, count));
   std::vector<int> result;
   for (const json& item : list) {
     const bool fits = item.is_number_integer() && item >= -1 && item <= 1'000'000;
-    if (!fits) throw ModelError(path, fmt::format("'{}' has what is no index", name));
+    if (!fits) throw ModelError(path, fmt::format("'{}': expected a list of indices", name));
     result.push_back(item.get<int>());
   }
   return result;
@@ -62,7 +62,7 @@ void list_head_model(linalg::ModelFields& file, HeadModel& model) {
   });
   file.other("connections", model.connections, [](const json& object, const std::string& path) {
     const json& connections = member(object, "connections", path);
-    if (!connections.is_array()) throw ModelError(path, "'connections' is no list");
+    if (!connections.is_array()) throw ModelError(path, "'connections': expected a list");
     std::vector<std::array<int, 2>> result;
     for (const json& pair : connections) {
       const std::vector<int> ends = indices(pair, path, "connections", 2);

@@ -33,7 +33,8 @@ std::vector<double> numbers_of(std::string_view line, const std::string& path, i
     double value = 0;
     const auto [stop, error] = std::from_chars(word.data(), word.data() + word.size(), value);
     if (error != std::errc() || stop != word.data() + word.size()) {
-      throw InputError(path, fmt::format("line {}: '{}' is no number", number, word.substr(0, 40)));
+      throw InputError(
+          path, fmt::format("line {}: expected a number, got '{}'", number, word.substr(0, 40)));
     }
     if (!(std::abs(value) <= kMaxValue)) {
       throw InputError(

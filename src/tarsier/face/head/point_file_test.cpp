@@ -45,7 +45,7 @@ TEST_F(PointFile, RejectsInvalidLines) {
   EXPECT_THAT(refusal("1 2 3\n"), HasSubstr("line 1"));
   EXPECT_THAT(refusal("1 nan\n"), HasSubstr("not finite"));
   EXPECT_THAT(refusal("1 1e10\n"), HasSubstr("beyond 1e9"));
-  EXPECT_THAT(refusal("1 2x\n"), HasSubstr("'2x' is no number"));
+  EXPECT_THAT(refusal("1 2x\n"), HasSubstr("expected a number, got '2x'"));
   EXPECT_THAT(refusal("# nothing\n"), HasSubstr("has no points"));
   std::string line;
   for (int i = 0; i < 1000; ++i) line += "1 ";

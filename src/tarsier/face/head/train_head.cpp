@@ -324,7 +324,7 @@ TrainedHead train_head(const std::vector<Matrix2Xd>& faces, const shape::Markup&
     TARSIER_REQUIRE(eye >= 0 && eye < n, "outer eye corner {} of {} points", eye, n);
   TARSIER_REQUIRE(
       markup.mirror[static_cast<std::size_t>(markup.outer_eyes[0])] == markup.outer_eyes[1],
-      "the outer eye corners are no pair");
+      "the outer eye corners are not a pair");
   for (Index i = 0; i < n; ++i) {
     const int other = markup.mirror[static_cast<std::size_t>(i)];
     TARSIER_REQUIRE(other >= 0 && other < n && markup.mirror[static_cast<std::size_t>(other)] == i,

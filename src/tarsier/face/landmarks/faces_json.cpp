@@ -119,7 +119,7 @@ FaceLines read_face_lines(const std::string& path) {
     const std::string where = fmt::format("{}:{}", path, number);
     const nlohmann::json value = parse_json(line, where);
     if (!value.is_object() || !value.contains("image") || !value["image"].is_string()) {
-      throw InputError(where, "is no object with \"image\"");
+      throw InputError(where, "expected an object with \"image\"");
     }
     std::optional<Eigen::Matrix2Xd> points;
     if (value.contains("points") && !value["points"].is_null()) {

@@ -383,7 +383,7 @@ void PatchFitOptions::check() const {
 cv::Mat patch_response(const cv::Mat& patch, const cv::Mat& window) {
   TARSIER_REQUIRE(patch.dims == 2 && patch.type() == CV_32FC1 && patch.cols == patch.rows &&
                       patch.cols >= 3 && patch.isContinuous(),
-                  "{}x{}, type {} is no patch", patch.cols, patch.rows, patch.type());
+                  "{}x{}, type {} is not a patch", patch.cols, patch.rows, patch.type());
   TARSIER_REQUIRE(window.dims == 2 && (window.type() == CV_8UC1 || window.type() == CV_32FC1) &&
                       window.cols >= patch.cols && window.rows >= patch.rows,
                   "a window of {}x{}, type {} for a patch of {}", window.cols, window.rows,

@@ -41,7 +41,7 @@ Module load() {
       reinterpret_cast<decltype(&tarsier_onnx_version)>(dlsym(handle, "tarsier_onnx_version"));
   module.open = reinterpret_cast<decltype(&tarsier_onnx_open)>(dlsym(handle, "tarsier_onnx_open"));
   if (version == nullptr || module.open == nullptr) {
-    module.error = fmt::format("{} is no module of this program", path);
+    module.error = fmt::format("{} is not a module of this program", path);
   } else if (const std::string built = version(); built != TARSIER_VERSION) {
     module.error =
         fmt::format("{} is of version {}, the program of {}", path, built, TARSIER_VERSION);

@@ -300,9 +300,9 @@ TEST_F(GalleryIndexTest, IgnoresInvalidAndForeignFiles) {
   put(whole.substr(0, whole.size() / 2));
   unused("is cut off");
   put("");
-  unused("is no index");
+  unused("is not an index");
   put("SQLite format 3" + whole);
-  unused("is no index");
+  unused("is not an index");
   std::string flipped = whole;
   flipped[200] = static_cast<char>(flipped[200] ^ 1);
   put(flipped);

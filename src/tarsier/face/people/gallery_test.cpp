@@ -456,7 +456,7 @@ TEST_F(GalleryTest, RejectsInvalidFiles) {
   EXPECT_THROW(Gallery(path("none.db"), DatabaseAccess::kRead), InputError);
   std::ofstream(path("text.db")) << std::string(5000, 'x');
   EXPECT_THAT(message_of([&] { Gallery(path("text.db"), DatabaseAccess::kRead); }),
-              HasSubstr("text.db: is no database"));
+              HasSubstr("text.db: is not a database"));
   {
     const DatabaseKind other{"other", 7, {"CREATE TABLE a(b)"}};
     Database(path("other.db"), other, DatabaseAccess::kCreate);

@@ -420,7 +420,7 @@ bool read_at(int fd, void* to, std::size_t size, std::int64_t offset) {
 void CellIndex::read_head() {
   const auto refuse = [&](const char* why) { throw InputError(path_, why); };
   struct ::stat info {};
-  if (::fstat(fd_, &info) != 0 || !S_ISREG(info.st_mode)) refuse("is no index of templates");
+  if (::fstat(fd_, &info) != 0 || !S_ISREG(info.st_mode)) refuse("is not an index of templates");
   const auto size = static_cast<std::int64_t>(info.st_size);
   std::array<char, kBeforeHead> before{};
   Head head{};
@@ -428,7 +428,7 @@ void CellIndex::read_head() {
       !read_at(fd_, before.data(), before.size(), 0) ||
       std::string_view(before.data(), kMagic.size()) != kMagic ||
       !read_at(fd_, &head, sizeof head, kBeforeHead))
-    refuse("is no index of templates");
+    refuse("is not an index of templates");
   if (head.dimension <= 0 || head.dimension > kMaxDimension || head.cells <= 0 ||
       head.cells > kMaxCells || head.templates <= 0 || head.templates > kMaxTemplates ||
       head.learned_from < 0 || head.learned_from > head.templates)

@@ -92,7 +92,7 @@ TEST_F(DeepFile, RejectsMaliciousManifests) {
   EXPECT_THAT(refusal([](json& m) { m = json::object(); }), HasSubstr("a list is expected"));
   EXPECT_THAT(refusal([](json& m) { m[0].erase("paths"); }), HasSubstr("'paths'"));
   for (const char* name : {"../tiny.bin", "/etc/passwd", ".hidden", "", "a/b"})
-    EXPECT_THAT(refusal([&](json& m) { m[0]["paths"][0] = name; }), HasSubstr("no file name"));
+    EXPECT_THAT(refusal([&](json& m) { m[0]["paths"][0] = name; }), HasSubstr("not a file name"));
   const auto first = [](json& m) -> json& { return m[0]["weights"][0]; };
   EXPECT_THAT(refusal([&](json& m) { first(m)["shape"] = {-1, 7, 3, 4}; }), HasSubstr("a size"));
   EXPECT_THAT(refusal([&](json& m) {

@@ -102,7 +102,7 @@ class XmlTags {
     if (found == tag.attributes.end()) fail(fmt::format("'{}' is missing", name));
     const auto value = to_number(found->second);
     if (!value || std::abs(*value) > kMaxImportedCoordinate)
-      fail(fmt::format("'{}' is no number", name));
+      fail(fmt::format("'{}': expected a number", name));
     return *value;
   }
 
@@ -255,7 +255,7 @@ class DlibReader {
     if (!is_box_) tags_.fail("a part without a box");
     const double name = tags_.number_of(tag, "name");
     if (name != std::floor(name) || name < 0 || name >= kMaxPoints)
-      tags_.fail("the name of a part is no number of a point");
+      tags_.fail("the name of a part is not the number of a point");
     const Eigen::Vector2d at(tags_.number_of(tag, "x"), tags_.number_of(tag, "y"));
     if (!box_.parts.emplace(static_cast<int>(name), at).second) tags_.fail("a part twice");
   }

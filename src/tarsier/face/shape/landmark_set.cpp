@@ -38,7 +38,7 @@ std::string path_from_json(const json& sample, const std::string& path) {
 }
 
 LandmarkSample sample_from_json(const json& value, const std::string& path) {
-  if (!value.is_object()) throw ModelError(path, "a sample is no object");
+  if (!value.is_object()) throw ModelError(path, "a sample is not a JSON object");
   LandmarkSample sample;
   sample.image = path_from_json(value, path);
   const auto fail = [&](const std::string& reason) {
@@ -55,7 +55,7 @@ LandmarkSample sample_from_json(const json& value, const std::string& path) {
     sample.box = rect;
   }
   const json& points = member(value, "points", path);
-  if (!points.is_array()) fail("'points' is no list");
+  if (!points.is_array()) fail("'points': expected a list");
   if (points.size() > static_cast<std::size_t>(kMaxPoints))
     fail(fmt::format("{} points, more than {}", points.size(), kMaxPoints));
   sample.points.resize(2, static_cast<Eigen::Index>(points.size()));
@@ -75,7 +75,7 @@ LandmarkSample sample_from_json(const json& value, const std::string& path) {
 LandmarkSet set_from_json(const json& payload, const std::string& path) {
   LandmarkSet set;
   const json& samples = member(payload, "samples", path);
-  if (!samples.is_array()) throw ModelError(path, "'samples' is no list");
+  if (!samples.is_array()) throw ModelError(path, "'samples': expected a list");
   for (const json& value : samples) {
     set.samples.push_back(sample_from_json(value, path));
     const Eigen::Index count = set.samples.back().points.cols();

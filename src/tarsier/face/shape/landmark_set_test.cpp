@@ -193,7 +193,7 @@ TEST_F(LandmarkFile, RejectsInvalidFiles) {
   EXPECT_EQ(refusal({{"samples", json::array()}}), "accepted");
   EXPECT_THAT(refusal(json::object()), HasSubstr("samples"));
   EXPECT_THAT(refusal({{"samples", 3}}), HasSubstr("samples"));
-  EXPECT_THAT(refusal({{"samples", {3}}}), HasSubstr("no object"));
+  EXPECT_THAT(refusal({{"samples", {3}}}), HasSubstr("not a JSON object"));
   EXPECT_THAT(refusal(sample({{1, 2, 3}})), HasSubstr("point 0"));
   EXPECT_THAT(refusal(sample({{1, "2"}})), HasSubstr("point 0"));
   EXPECT_THAT(refusal(sample({{1, 1e300}})), HasSubstr("point 0"));

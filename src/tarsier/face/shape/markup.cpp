@@ -109,7 +109,7 @@ Markup markup_76() {
 
 int index_from_json(const json& value, const std::string& path, const char* what, int points) {
   if (!value.is_number_integer())
-    throw ModelError(path, fmt::format("'{}' has what is no whole number", what));
+    throw ModelError(path, fmt::format("'{}': expected only whole numbers", what));
   const bool beyond = value.is_number_unsigned() && value.get<std::uint64_t>() > 1'000'000'000U;
   const std::int64_t index = beyond ? -1 : value.get<std::int64_t>();
   if (index < 0 || index >= points) {
@@ -122,7 +122,7 @@ int index_from_json(const json& value, const std::string& path, const char* what
 const json* list_or_none(const json& object, const std::string& path, const char* name) {
   const auto found = object.find(name);
   if (found == object.end()) return nullptr;
-  if (!found->is_array()) throw ModelError(path, fmt::format("'{}' is no list", name));
+  if (!found->is_array()) throw ModelError(path, fmt::format("'{}': expected a list", name));
   return &*found;
 }
 
@@ -168,7 +168,7 @@ std::vector<std::array<int, 2>> connections_from_json(const json& object, const 
   if (list == nullptr) return connections;
   for (const json& item : *list) {
     if (!item.is_array() || item.size() != 2)
-      throw ModelError(path, "'connections' has what is no pair");
+      throw ModelError(path, "'connections': expected only pairs");
     connections.push_back({index_from_json(item[0], path, "connections", points),
                            index_from_json(item[1], path, "connections", points)});
   }

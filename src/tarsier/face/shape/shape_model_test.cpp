@@ -423,7 +423,7 @@ TEST_F(ShapeModelFile, RejectsInvalidModels) {
     return pack(PackedArray<double>{shape, std::vector<double>(count, value)});
   };
   EXPECT_THAT(refusal([](json& j) { j.erase("mean"); }), HasSubstr("mean"));
-  EXPECT_THAT(refusal([](json& j) { j = 3; }), HasSubstr("no object"));
+  EXPECT_THAT(refusal([](json& j) { j = 3; }), HasSubstr("expected an object"));
   EXPECT_THAT(refusal([&](json& j) { j["mean"] = packed({2, 1}, 0); }), HasSubstr("points"));
   EXPECT_THAT(refusal([&](json& j) { j["mean"] = packed({2, 6}, 1); }), HasSubstr("centred"));
   EXPECT_THAT(refusal([&](json& j) { j["modes"] = packed({11, 2}, 1); }), HasSubstr("shape"));

@@ -114,7 +114,7 @@ BoardSpec parse_board(std::string_view text, double pitch) {
   const std::vector<std::string_view> sides = split(parts[1], 'x');
   const auto columns = parse_number<int>(sides[0]);
   const auto rows = parse_number<int>(sides.size() == 2 ? sides[1] : std::string_view());
-  if (!columns || !rows) throw fail(fmt::format("'{}' is no size", printable(parts[1])));
+  if (!columns || !rows) throw fail(fmt::format("'{}' is not a size", printable(parts[1])));
   if (*columns < kMinSide || *rows < kMinSide || *columns > kMaxSide || *rows > kMaxSide)
     throw fail(fmt::format("a side is not {}..{}", kMinSide, kMaxSide));
   spec.columns = *columns;

@@ -37,12 +37,12 @@ TEST(BoardSpecTest, IsParsedAndFormatted) {
 
 TEST(BoardSpecTest, RejectsInvalidText) {
   EXPECT_THAT(refusal("chess"), HasSubstr("no size"));
-  EXPECT_THAT(refusal("chess:9"), HasSubstr("'9' is no size"));
-  EXPECT_THAT(refusal("chess:9x"), HasSubstr("no size"));
-  EXPECT_THAT(refusal("chess:9x6x2"), HasSubstr("no size"));
+  EXPECT_THAT(refusal("chess:9"), HasSubstr("'9' is not a size"));
+  EXPECT_THAT(refusal("chess:9x"), HasSubstr("is not a size"));
+  EXPECT_THAT(refusal("chess:9x6x2"), HasSubstr("is not a size"));
   EXPECT_THAT(refusal("chess:9x6:1"), HasSubstr("too long"));
   EXPECT_THAT(refusal("chess:2x6"), HasSubstr("3..100"));
-  EXPECT_THAT(refusal("chess:9x999999999999"), HasSubstr("no size"));
+  EXPECT_THAT(refusal("chess:9x999999999999"), HasSubstr("is not a size"));
   EXPECT_THAT(refusal("checker:9x6"), HasSubstr("no such kind"));
   EXPECT_THAT(refusal("charuco:5x7"), HasSubstr("family"));
   EXPECT_THAT(refusal("charuco:5x7:9x9_1"), HasSubstr("9x9_1"));

@@ -29,8 +29,8 @@ std::vector<double> numbers(const json& object, const char* name, const std::str
       if (v.is_number() && std::isfinite(v.get<double>())) out.push_back(v.get<double>());
     if (out.size() == list.size()) return out;
   }
-  throw InputError(path,
-                   fmt::format("'{}' is no list of {} to {} numbers", name, min_count, max_count));
+  throw InputError(
+      path, fmt::format("'{}': expected a list of {} to {} numbers", name, min_count, max_count));
 }
 
 geometry::Camera camera_of(const json& line, const std::string& path) {

@@ -37,10 +37,10 @@ Quality read_quality(const json& value, const std::string& path) {
   q.repeatability = number_member(value, "repeatable", path, 0, 1);
   const json& reasons = member(value, "reasons", path);
   if (!reasons.is_array() || reasons.size() > 20)
-    throw ModelError(path, "'reasons' is no list of up to 20 lines");
+    throw ModelError(path, "'reasons': expected a list of up to 20 lines");
   for (const json& reason : reasons) {
     if (!reason.is_string() || reason.get_ref<const std::string&>().size() > 500)
-      throw ModelError(path, "'reasons' has what is no line of text");
+      throw ModelError(path, "'reasons': expected only lines of text");
     q.reasons.push_back(reason.get<std::string>());
   }
   return q;
@@ -149,7 +149,7 @@ Target read_target(const std::string& path) {
   for (int k = 0; k < 2; ++k) {
     if (!given.is_array() || given.size() != 2 || !given[k].is_number_integer() || given[k] < 8 ||
         given[k] > 200'000) {
-      throw ModelError(path, "'given' is no width and height of an image");
+      throw ModelError(path, "'given': expected the width and height of an image");
     }
   }
   target.original_size = {given[0].get<int>(), given[1].get<int>()};

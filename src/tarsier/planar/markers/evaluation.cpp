@@ -35,7 +35,7 @@ std::vector<double> numbers_of(const json& value, std::size_t min_count, std::si
   std::vector<double> numbers;
   for (const json& number : value) {
     if (!number.is_number() || !std::isfinite(number.get<double>()))
-      throw BadLine{fmt::format("\"{}\" has something that is no number", name)};
+      throw BadLine{fmt::format("\"{}\": expected only numbers", name)};
     numbers.push_back(number.get<double>());
   }
   return numbers;
@@ -50,7 +50,8 @@ const json& member(const json& object, const char* name) {
 std::string text_of(const json& object, const char* name, bool is_required) {
   const auto it = object.find(name);
   if (it == object.end() && !is_required) return "";
-  if (it == object.end() || !it->is_string()) throw BadLine{fmt::format("\"{}\" is no text", name)};
+  if (it == object.end() || !it->is_string())
+    throw BadLine{fmt::format("\"{}\": expected a text", name)};
   return it->get<std::string>();
 }
 
@@ -58,12 +59,12 @@ double number_of(const json& object, const char* name, double default_value) {
   const auto it = object.find(name);
   if (it == object.end() || it->is_null()) return default_value;
   if (!it->is_number() || !std::isfinite(it->get<double>()))
-    throw BadLine{fmt::format("\"{}\" is no number", name)};
+    throw BadLine{fmt::format("\"{}\": expected a number", name)};
   return it->get<double>();
 }
 
 MarkerRecord marker_of(const json& object) {
-  if (!object.is_object()) throw BadLine{"a marker is no object"};
+  if (!object.is_object()) throw BadLine{"a marker is not a JSON object"};
   MarkerRecord marker;
   const double id = number_of(object, "id", -1);
   if (id < 0 || id > 1e6 || id != std::floor(id)) throw BadLine{"a marker's \"id\" is none"};
@@ -87,7 +88,7 @@ MarkerRecord marker_of(const json& object) {
 
 std::vector<MarkerRecord> markers_of(const json& line) {
   const json& list = member(line, "markers");
-  if (!list.is_array() || list.size() > 10000) throw BadLine{"\"markers\" is no list"};
+  if (!list.is_array() || list.size() > 10000) throw BadLine{"\"markers\": expected a list"};
   std::vector<MarkerRecord> markers;
   for (const json& marker : list) markers.push_back(marker_of(marker));
   return markers;
@@ -128,7 +129,7 @@ void read_lines(const std::string& path, const std::function<void(const json&)>&
       if (!line.is_object()) throw BadLine{"no JSON object"};
       take(line);
     } catch (const InputError&) {
-      throw InputError(path, fmt::format("line {} is no JSON", number));
+      throw InputError(path, fmt::format("line {} is not valid JSON", number));
     } catch (const BadLine& bad) {
       throw InputError(path, fmt::format("line {}: {}", number, bad.reason));
     }

@@ -139,7 +139,7 @@ std::map<std::string, cv::Mat> parse_xml_matrices(std::string_view text, const s
     scanner.need("<");
     const std::string element = scanner.take_name();
     if (!scanner.take("type_id=\"opencv-matrix\""))
-      scanner.fail(fmt::format("<{}> is no opencv-matrix", element));
+      scanner.fail(fmt::format("<{}> is not an opencv-matrix", element));
     scanner.need(">");
     if (std::cmp_greater_equal(matrices.size(), limits.max_matrices))
       scanner.fail(fmt::format("more than {} matrices", limits.max_matrices));

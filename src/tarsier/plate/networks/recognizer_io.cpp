@@ -21,7 +21,8 @@ void list_network(linalg::ModelFields& file, const char* name, linalg::Network& 
   } catch (const std::exception& error) {
     file.require(false, "{}: {}", name, error.what());
   }
-  file.require(actual == output && network.cost(input) <= 2e9, "{}: is no network for this", name);
+  file.require(actual == output && network.cost(input) <= 2e9, "{}: is not a network for this",
+               name);
 }
 
 void list_detector(linalg::ModelFields& file, DetectorModel& model) {

@@ -84,9 +84,10 @@ class Parser {
   explicit Parser(const std::string& name) : name_(name) {
     country_.code = std::filesystem::path(name).stem().string();
     if (!is_code(country_.code) || country_.code == "any") {
-      throw InputError(name, fmt::format("'{}' is no code for a country: up to 16 lower case "
-                                         "letters, digits and '-', not 'any'",
-                                         printable(country_.code)));
+      throw InputError(name,
+                       fmt::format("'{}' is not a code for a country: expected up to 16 lower case "
+                                   "letters, digits and '-', not 'any'",
+                                   printable(country_.code)));
     }
     elements_['D'] = {{{kDigits}, 1}};
     elements_['L'] = {{{kLetters}, 1}};
@@ -134,7 +135,8 @@ class Parser {
       if (!trimmed(rest).empty()) fail("one number is expected: width by height");
     } else if (key == "group") {
       if (!is_code(rest) || rest == "any") {
-        fail(fmt::format("'{}' is no group: lower case letters, digits and '-'", printable(rest)));
+        fail(fmt::format("'{}' is not a group: expected lower case letters, digits and '-'",
+                         printable(rest)));
       }
       country_.group = rest;
     } else if (key == "set" || key == "words") {
@@ -161,7 +163,8 @@ class Parser {
     SymbolSet set = 0;
     for (const char c : text) {
       if (class_of(c) < 0) {
-        fail(fmt::format("'{}' is no upper case letter or digit", printable(std::string(1, c))));
+        fail(
+            fmt::format("'{}' is not an upper case letter or digit", printable(std::string(1, c))));
       }
       set |= set_of(c);
     }
@@ -211,7 +214,7 @@ class Parser {
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), weight);
     if (error != std::errc() || end != word.data() + word.size() || !(weight >= 1e-6) ||
         !(weight <= 1e6)) {
-      fail(fmt::format("weight '{}' is no number from 0.000001 to 1000000", printable(word)));
+      fail(fmt::format("weight '{}': expected a number from 0.000001 to 1000000", printable(word)));
     }
     return weight;
   }

@@ -81,7 +81,7 @@ void align(DecodedText& text, const Decoder::Tables& tables, const cv::Mat& prob
 void require_probabilities(const cv::Mat& probabilities) {
   TARSIER_REQUIRE(probabilities.dims == 2 && probabilities.rows >= 1 &&
                       probabilities.cols == kClasses && probabilities.type() == CV_32F,
-                  "{}x{}, type {} are no class probabilities", probabilities.cols,
+                  "{}x{}, type {} are not class probabilities", probabilities.cols,
                   probabilities.rows, probabilities.type());
   for (int column = 0; column < probabilities.rows; ++column) {
     const float* row = probabilities.ptr<float>(column);

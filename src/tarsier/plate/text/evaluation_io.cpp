@@ -64,7 +64,8 @@ std::optional<cv::Rect2d> parse_box(const std::array<std::string, 6>& fields,
     const auto [after, error] = std::from_chars(field.data(), end, numbers[k]);
     const bool good = error == std::errc() && after == end &&
                       std::abs(numbers[k]) <= kMaxCoordinate && (k < 2 || numbers[k] >= 0);
-    if (!good) fail(path, line, fmt::format("'{}' is no {}", printable(field), kColumns[k + 1]));
+    if (!good)
+      fail(path, line, fmt::format("'{}' is not a valid {}", printable(field), kColumns[k + 1]));
   }
   return cv::Rect2d{numbers[0], numbers[1], numbers[2], numbers[3]};
 }
@@ -106,9 +107,9 @@ class PlateParser {
     image.milliseconds = number(object, "ms", -1);
     const auto plates = object.find("plates");
     if (plates == object.end() || plates->is_null()) return image;
-    if (!plates->is_array()) refuse("\"plates\" is no list");
+    if (!plates->is_array()) refuse("\"plates\": expected a list");
     for (const json& plate : *plates) {
-      if (!plate.is_object()) refuse("a plate is no object");
+      if (!plate.is_object()) refuse("a plate is not a JSON object");
       image.boxes.push_back(box(plate));
       image.plates.push_back(reading(plate, image.boxes.back()));
     }
@@ -127,7 +128,7 @@ class PlateParser {
   [[nodiscard]] double number(const json& object, const char* key, double default_value) const {
     const auto found = object.find(key);
     if (found == object.end() || found->is_null()) return default_value;
-    if (!found->is_number()) refuse(fmt::format("\"{}\" is no number", key));
+    if (!found->is_number()) refuse(fmt::format("\"{}\": expected a number", key));
     return found->get<double>();
   }
 
@@ -136,12 +137,12 @@ class PlateParser {
     if (found == plate.end() || found->is_null()) return {};
     std::array<double, 4> numbers{};
     if (!found->is_array() || found->size() != numbers.size()) {
-      refuse("\"box\" is no list of four numbers");
+      refuse("\"box\": expected a list of four numbers");
     }
     for (std::size_t k = 0; k < numbers.size(); ++k) {
       const json& value = (*found)[k];
       if (!value.is_number() || !(std::abs(value.get<double>()) <= kMaxCoordinate)) {
-        refuse("\"box\" is no list of four numbers up to 1000000");
+        refuse("\"box\": expected a list of four numbers up to 1000000");
       }
       numbers[k] = value.get<double>();
     }
@@ -157,7 +158,7 @@ class PlateParser {
                    static_cast<int>(std::lround(box.height))};
     const auto candidates = plate.find("candidates");
     if (candidates == plate.end() || candidates->is_null()) return reading;
-    if (!candidates->is_array()) refuse("\"candidates\" is no list");
+    if (!candidates->is_array()) refuse("\"candidates\": expected a list");
     for (const json& candidate : *candidates) {
       if (candidate.is_string()) {
         reading.candidates.push_back({candidate.get<std::string>(), 0, ""});

@@ -175,7 +175,7 @@ TEST(EvaluationTest, ErrorNamesTheLine) {
   EXPECT_THAT(error_of_lines("{}\n"), HasSubstr("line 1: no text \"image\""));
   EXPECT_THAT(error_of_lines("{\"image\":7}\n"), HasSubstr("no text \"image\""));
   EXPECT_THAT(error_of_lines("{\"image\":\"a\",\"plates\":7}\n"), HasSubstr("\"plates\""));
-  EXPECT_THAT(error_of_lines("{\"image\":\"a\",\"plates\":[7]}\n"), HasSubstr("no object"));
+  EXPECT_THAT(error_of_lines("{\"image\":\"a\",\"plates\":[7]}\n"), HasSubstr("not a JSON object"));
   EXPECT_THAT(error_of_lines("{\"image\":\"a\",\"plates\":[{}]}\n"), HasSubstr("\"text\""));
   const auto plate = [](const std::string& members) {
     return "{\"image\":\"a\",\"plates\":[{\"text\":\"A\"," + members + "}]}\n";
@@ -183,7 +183,7 @@ TEST(EvaluationTest, ErrorNamesTheLine) {
   EXPECT_THAT(error_of_lines(plate("\"box\":[1,2,3]")), HasSubstr("four numbers"));
   EXPECT_THAT(error_of_lines(plate("\"box\":[1,2,3,\"4\"]")), HasSubstr("four numbers"));
   EXPECT_THAT(error_of_lines(plate("\"box\":[1,2,3,1e300]")), HasSubstr("four numbers"));
-  EXPECT_THAT(error_of_lines(plate("\"confidence\":\"x\"")), HasSubstr("no number"));
+  EXPECT_THAT(error_of_lines(plate("\"confidence\":\"x\"")), HasSubstr("expected a number"));
   EXPECT_THAT(error_of_lines(plate("\"candidates\":[1]")), HasSubstr("candidate"));
   EXPECT_THAT(error_of_lines(std::string(100'000, '[')), HasSubstr("line 1"));
   EXPECT_THAT(error_of_lines("\xFF\xFE\n"), HasSubstr("UTF-8"));
@@ -225,10 +225,10 @@ TEST_F(TruthTest, ErrorNamesTheLine) {
   EXPECT_THAT(error_of("image,x,y,w,text\n"), HasSubstr("no column 'h'"));
   EXPECT_THAT(error_of(header + "a.jpg,1,2,3\n"), HasSubstr("line 2: 4 fields"));
   EXPECT_THAT(error_of(header + "a.jpg,1,2,3,4,T\na.jpg,1,2,x,4,T\n"),
-              HasSubstr("line 3: 'x' is no w"));
-  EXPECT_THAT(error_of(header + "a.jpg,nan,2,3,4,T\n"), HasSubstr("'nan' is no x"));
-  EXPECT_THAT(error_of(header + "a.jpg,1,2,-3,4,T\n"), HasSubstr("'-3' is no w"));
-  EXPECT_THAT(error_of(header + "a.jpg,1,2,,4,T\n"), HasSubstr("'' is no w"));
+              HasSubstr("line 3: 'x' is not a valid w"));
+  EXPECT_THAT(error_of(header + "a.jpg,nan,2,3,4,T\n"), HasSubstr("'nan' is not a valid x"));
+  EXPECT_THAT(error_of(header + "a.jpg,1,2,-3,4,T\n"), HasSubstr("'-3' is not a valid w"));
+  EXPECT_THAT(error_of(header + "a.jpg,1,2,,4,T\n"), HasSubstr("'' is not a valid w"));
   EXPECT_THAT(error_of(header + "\"a.jpg,1,2,3,4,T\n"), HasSubstr("quote"));
   EXPECT_THAT(error_of(header + ",1,2,3,4,T\n"), HasSubstr("no image"));
   EXPECT_THROW((void)read_plate_truth(path("missing.csv")), InputError);

@@ -18,7 +18,7 @@ nlohmann::ordered_json list_of(const std::string& text, const std::string& what,
   try {
     return parse_json(text, path, {64'000'000, 8, 2'000'000});
   } catch (const InputError&) {
-    throw InputError(path, what + " are no JSON");
+    throw InputError(path, what + " are not valid JSON");
   }
 }
 

@@ -21,9 +21,8 @@ constexpr std::size_t kMaxCorners = 32;
 
 [[noreturn]] void refuse(std::string_view text) {
   throw UsageError(
-      fmt::format("'{}' is no region: x,y,w,h or corners x,y x,y x,y .. are expected, in pixels, "
-                  "or as shares of "
-                  "the image where all are 1 at most",
+      fmt::format("'{}' is not a region: expected x,y,w,h or corners x,y x,y x,y .., in pixels, "
+                  "or all as shares of the image, at most 1",
                   printable(text)));
 }
 

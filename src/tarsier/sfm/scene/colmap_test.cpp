@@ -218,12 +218,12 @@ TEST_F(ColmapTest, ErrorsNameFileAndLine) {
   };
   EXPECT_THAT(cameras("2 PINHOLE", "7 PINHOLE"), HasSubstr("cameras.txt: line 5: camera 7 is"));
   EXPECT_THAT(cameras("2 PINHOLE", "2 FISHEYE"), HasSubstr("line 5: camera model 'FISHEYE'"));
-  EXPECT_THAT(cameras("2 PINHOLE", "x PINHOLE"), HasSubstr("'x' is no number of a camera"));
-  EXPECT_THAT(cameras("640", "0"), HasSubstr("'0' is no width"));
-  EXPECT_THAT(cameras("640", "99999999999999999999"), HasSubstr("is no width"));
-  EXPECT_THAT(cameras("500", "nan"), HasSubstr("'nan' is no number"));
+  EXPECT_THAT(cameras("2 PINHOLE", "x PINHOLE"), HasSubstr("'x' is not the number of a camera"));
+  EXPECT_THAT(cameras("640", "0"), HasSubstr("'0' is not a width"));
+  EXPECT_THAT(cameras("640", "99999999999999999999"), HasSubstr("is not a width"));
+  EXPECT_THAT(cameras("500", "nan"), HasSubstr("'nan' is not a number"));
   EXPECT_THAT(cameras("500", "-1"), HasSubstr("focal"));
-  EXPECT_THAT(cameras("320 240", "320"), HasSubstr("'' is no number; PINHOLE has 4"));
+  EXPECT_THAT(cameras("320 240", "320"), HasSubstr("'' is not a number; PINHOLE has 4"));
   EXPECT_THAT(cameras("320 240", "320 240 1"), HasSubstr("PINHOLE has 4 parameters"));
 
   const auto images = [&](const std::string& from, const std::string& to) {

@@ -143,6 +143,7 @@ export function TryVerb({ verb }: { verb: VerbHelp }) {
       <VerbForm
         verb={verb}
         inputs={inputs}
+        options={{ output: true }}
         submit="Run"
         onSubmit={async (flags) => {
           const next = await attempt(() => api.run(verb.verb, inputs, flags));
@@ -172,6 +173,17 @@ export function TryVerb({ verb }: { verb: VerbHelp }) {
               Exit status {answer.exit}, {Math.round(answer.ms)} ms.
             </p>
             {answer.error && <Notice kind="problem">{answer.error}</Notice>}
+            {answer.files.length > 0 && (
+              <ul>
+                {answer.files.map((file) => (
+                  <li key={file.name}>
+                    <a download={file.name} href={`data:application/octet-stream;base64,${file.base64}`}>
+                      {file.name}
+                    </a>
+                  </li>
+                ))}
+              </ul>
+            )}
             <pre class="log" tabIndex={0} aria-label="Output">
               {answer.lines.map((line: Json) => JSON.stringify(line)).join('\n') || 'No output.'}
             </pre>

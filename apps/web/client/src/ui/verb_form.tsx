@@ -7,7 +7,9 @@ import {
   commandText,
   formGroups,
   initialValue,
+  isValid,
   problemOf,
+  startValues,
   stepOf,
   type Field,
   type FormOptions,
@@ -90,6 +92,7 @@ function FlagControl({
       value={String(value)}
       problem={problem}
       type={number ? 'number' : 'text'}
+      required={field.required}
       step={field.control === 'integer' ? 1 : number ? 'any' : undefined}
       min={field.min ?? undefined}
       max={field.max ?? undefined}
@@ -107,24 +110,11 @@ export function FlagFields(props: {
   onChange: (flags: Flags, valid: boolean) => void;
 }) {
   const groups = useMemo(() => formGroups(props.verb, props.options), [props.verb]);
-  const [values, setValues] = useState<FormValues>(() => {
-    const first: FormValues = {};
-    for (const field of groups.flatMap((group) => group.fields)) {
-      const given = props.start?.[field.name];
-      if (given === undefined) first[field.name] = initialValue(field);
-      else if (typeof given === 'boolean') first[field.name] = given;
-      else if (Array.isArray(given))
-        first[field.name] = field.control === 'choices' ? given.map(String) : given.join(' ');
-      else first[field.name] = String(given);
-    }
-    return first;
-  });
+  const [values, setValues] = useState<FormValues>(() => startValues(groups, props.start));
   const set = (name: string, value: FormValue) => {
     const next = { ...values, [name]: value };
     setValues(next);
-    const fields = groups.flatMap((group) => group.fields);
-    const valid = fields.every((field) => problemOf(field, next[field.name] ?? initialValue(field)) === '');
-    props.onChange(collectFlags(groups, next), valid);
+    props.onChange(collectFlags(groups, next), isValid(groups, next));
   };
   return (
     <div class="flag-groups">
@@ -159,7 +149,10 @@ export function VerbForm(props: {
   children?: ComponentChildren;
 }) {
   const [flags, setFlags] = useState<Flags>(props.start ?? {});
-  const [valid, setValid] = useState(true);
+  const [valid, setValid] = useState(() => {
+    const groups = formGroups(props.verb, props.options);
+    return isValid(groups, startValues(groups, props.start));
+  });
   const missing = props.verb.inputs.some((input) => input.required) && props.inputs.length === 0;
   return (
     <form
