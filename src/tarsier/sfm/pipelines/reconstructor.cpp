@@ -169,8 +169,10 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
   check_outputs();
   require_two_images(inputs, inputs.empty() ? "images" : inputs.front().path);
   check_inputs(inputs);
-  const PlacementContext context{inputs, positions_of(options_.placement, positions_, inputs, stop),
-                                 progress, stop};
+  const PlacementContext context{
+      inputs,
+      positions_of(options_.placement, positions_, inputs, stop, options_.pipeline.database),
+      progress, stop};
 
   PipelineHooks pipeline_hooks;
   pipeline_hooks.partial = true;
