@@ -194,8 +194,10 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
     };
   }
   ReconstructorResult result;
-  result.pipeline = run_pipeline(with_camera_positions(inputs, positions_, options_.pipeline, stop),
-                                 options_.pipeline, progress, stop, pipeline_hooks);
+  // Other runs have chosen their pairs already.
+  result.pipeline = run_pipeline(
+      hooks.matched ? inputs : with_camera_positions(inputs, positions_, options_.pipeline, stop),
+      options_.pipeline, progress, stop, pipeline_hooks);
   result.pipeline.names_files = options_.names_files;
   write_models(result, context);
   if (hooks.on_models) hooks.on_models(result);
