@@ -180,6 +180,7 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
   pipeline_hooks.show = hooks.show;
   pipeline_hooks.matched = hooks.matched;
   pipeline_hooks.map = hooks.map;
+  pipeline_hooks.map_key = hooks.map_key;
   if (options_.match_images) {
     const fs::path folder = fs::path(options_.folder) / "matches";
     make_folder(folder.string());

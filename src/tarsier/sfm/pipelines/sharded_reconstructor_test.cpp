@@ -20,6 +20,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -302,6 +303,56 @@ TEST_F(Sharded, GivenPositionsGuideRetrieval) {
   options_.pairs = PairChoice::kExhaustive;  // they are not needed
   (void)write_plan(path("work"), inputs(), options_, 2, progress_, {}, 0, {{name, {1, 2, 3}}});
   EXPECT_FALSE(read_plan(path("work")).inputs()[1].position.has_value());
+}
+
+// Requests a stop when the n-th amount is reported within the stage "join".
+class StopInJoin final : public Progress {
+ public:
+  explicit StopInJoin(int n) : remaining_(n) {}
+  void begin(std::string_view stage, std::int64_t, std::string_view) override {
+    is_join_ = stage == "join";
+  }
+  void advance(std::int64_t) override {
+    if (is_join_ && --remaining_ == 0) stop_.request_stop();
+  }
+  void end() override { is_join_ = false; }
+  [[nodiscard]] std::stop_token stop() const { return stop_.get_token(); }
+
+ private:
+  int remaining_;
+  bool is_join_ = false;
+  std::stop_source stop_;
+};
+
+TEST_F(Sharded, AMergeResumesFromItsCheckpoint) {
+  plan(2, 4);
+  const ShardedReconstructor sharded(path("work"));
+  map_clusters(sharded);
+  (void)merge(sharded, "whole");
+  const auto expect_same = [&] {
+    for (const std::string file : {"cameras.txt", "images.txt", "points3D.txt"})
+      EXPECT_EQ(contents(path("model/" + file)), contents(path("whole/" + file))) << file;
+    const nlohmann::json whole = nlohmann::json::parse(contents(path("whole/report.json")));
+    const nlohmann::json model = nlohmann::json::parse(contents(path("model/report.json")));
+    for (const char* key : {"log", "joins", "parts", "models", "refused_pairs"})
+      EXPECT_EQ(model.value(key, nlohmann::json()), whole.value(key, nlohmann::json())) << key;
+  };
+  ReconstructorOptions options;
+  options.folder = path("model");
+  options.pipeline.checkpoint_s = 0;
+  StopInJoin progress(1);  // after the join, where the model begins to grow
+  EXPECT_THROW((void)sharded.merge(options, progress, progress.stop()), Interrupted);
+  EXPECT_FALSE(fs::exists(path("model/points3D.txt")));
+  const ReconstructorResult resumed = sharded.merge(options, progress_, {});
+  EXPECT_EQ(resumed.pipeline.resumed, kImages);
+  expect_same();
+  // From the state at the end; and without a damaged file.
+  EXPECT_EQ(sharded.merge(options, progress_, {}).pipeline.resumed, kImages);
+  expect_same();
+  for (const auto& entry : fs::directory_iterator(path("model/cache")))
+    write_file_atomically(entry.path().string(), "damaged");
+  EXPECT_EQ(sharded.merge(options, progress_, {}).pipeline.resumed, 0);
+  expect_same();
 }
 
 TEST_F(Sharded, AMergedModelIsPlaced) {
