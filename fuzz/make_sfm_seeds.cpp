@@ -3,6 +3,7 @@
 #include "tarsier/core/progress.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/media/sqlite.h"
 #include "tarsier/sfm/dense/depth_map.h"
 #include "tarsier/sfm/mapper/colmap_database.h"
 #include "tarsier/sfm/mapper/packed_file.h"
@@ -101,6 +102,24 @@ void reconstructions() {
   const std::string path = seed("colmap_database", "two.db");
   fs::remove(path);
   sfm::write_colmap_database(path, database);
+  const std::string with_priors = seed("colmap_database", "priors.db");
+  fs::remove(with_priors);
+  sfm::write_colmap_database(with_priors, database);
+  DatabaseKind kind;
+  kind.name = "COLMAP database";
+  kind.application_id = 0;
+  kind.versions = {""};
+  kind.of_another_program = true;
+  // 47 N 8 E, 400 m; and a position of zeros.
+  Database(with_priors, kind, DatabaseAccess::kWrite)
+      .run(
+          "CREATE TABLE pose_priors (pose_prior_id INTEGER PRIMARY KEY NOT NULL, corr_data_id "
+          "INTEGER NOT NULL, corr_sensor_id INTEGER NOT NULL, corr_sensor_type INTEGER NOT NULL, "
+          "position BLOB, position_covariance BLOB, gravity BLOB, coordinate_system INTEGER NOT "
+          "NULL);"
+          "INSERT INTO pose_priors VALUES (1, 1, 1, 0, "
+          "x'000000000080474000000000000020400000000000007940', NULL, NULL, 0), (2, 2, 1, 0, "
+          "zeroblob(24), NULL, NULL, 1);");
 
   sfm::write_colmap_map(seed("depth_map", "depth.bin"), cv::Mat(6, 8, CV_32FC1, cv::Scalar(2)));
   sfm::write_colmap_map(seed("depth_map", "normals.bin"),

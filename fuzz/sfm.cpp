@@ -50,7 +50,8 @@ TARSIER_FUZZ_TARGET(colmap_binary, kBytes) {
 }
 
 TARSIER_FUZZ_TARGET(colmap_database, kBytes) {
-  const ColmapDatabase database = read_colmap_database(file_of(input, "database.db"));
+  const std::string path = file_of(input, "database.db");
+  const ColmapDatabase database = read_colmap_database(path);
   const auto has = [&](int image, int feature) {
     return feature >= 0 &&
            static_cast<std::size_t>(feature) <
@@ -60,6 +61,8 @@ TARSIER_FUZZ_TARGET(colmap_database, kBytes) {
     for (const Match& match : pair.matches)
       expect(has(pair.first, match.first) && has(pair.second, match.second),
              "a match of no feature");
+  for (const ColmapPosePrior& prior : read_colmap_pose_priors(path))
+    expect(prior.position.allFinite(), "a pose prior that is no position");
 }
 
 TARSIER_FUZZ_TARGET(depth_map, kBytes) {

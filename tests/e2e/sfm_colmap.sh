@@ -50,6 +50,59 @@ run sfm reconstruct scene/images --database other.db --no-cache -o none
 expect_status 1
 case $err$out in *"contains no image with this name"*) ;; *) fail "images that the database does not know: $err" ;; esac
 
+# --- pose priors of a database, as COLMAP 4 writes them: the place of a model ---
+run sfm synth --observations --trajectory ring --images 24 --seed 3 -o priors
+expect_status 0
+run sfm reconstruct --database priors/database.db --align gps -o none
+expect_status 3
+expect_error '0 of 24 images have a position in EXIF or in the database'
+# with_priors FILE SYSTEM: a copy of the database; its priors are the true positions, or places on the Earth.
+with_priors() {
+  cp priors/database.db "$1"
+  python3 - "$1" "$2" <<'PY'
+import json, sqlite3, struct, sys
+path, system = sys.argv[1], int(sys.argv[2])
+truth = {line["name"]: line["C"] for line in map(json.loads, open("priors/truth.jsonl"))}
+with sqlite3.connect(path) as db:
+    db.execute("""CREATE TABLE pose_priors (pose_prior_id INTEGER PRIMARY KEY NOT NULL, corr_data_id INTEGER NOT NULL,
+        corr_sensor_id INTEGER NOT NULL, corr_sensor_type INTEGER NOT NULL, position BLOB, position_covariance BLOB, gravity BLOB,
+        coordinate_system INTEGER NOT NULL)""")
+    for image, name in db.execute("SELECT image_id, name FROM images").fetchall():
+        x, y, z = truth[name]
+        if system == 0:  # about 47 N 8 E, metres as degrees
+            x, y, z = 47 + y / 111176, 8 + x / 76055, 400 + z
+        db.execute("INSERT INTO pose_priors VALUES (?, ?, 1, 0, ?, NULL, NULL, ?)",
+                   (100 - image, image, struct.pack("<3d", x, y, z), system))
+PY
+}
+with_priors cartesian.db 1
+run sfm reconstruct --database cartesian.db --align gps -o cartesian
+expect_status 0
+python3 - <<'PY' || fail "cartesian pose priors do not place the model"
+import json
+aligned = json.load(open("cartesian/report.json"))["placed"]["aligned"]
+assert aligned["images"] == 24 and aligned["mean_residual"] < 0.05, aligned
+PY
+with_priors wgs84.db 0
+run sfm reconstruct --database wgs84.db --align gps -o wgs84
+expect_status 0
+python3 - <<'PY' || fail "pose priors in degrees do not place the model"
+import json
+aligned, cartesian = (json.load(open(name + "/report.json"))["placed"]["aligned"] for name in ("wgs84", "cartesian"))
+assert aligned["images"] == 24 and aligned["mean_residual"] < 0.05, aligned
+assert abs(aligned["scale"] / cartesian["scale"] - 1) < 0.01, (aligned, cartesian)
+PY
+python3 - <<'PY'
+import sqlite3
+with sqlite3.connect("wgs84.db") as db:
+    db.execute("UPDATE pose_priors SET position = zeroblob(23) WHERE corr_data_id = 2")
+PY
+run sfm reconstruct --database wgs84.db --align gps -o none
+expect_status 3
+expect_error 'pose prior of image 2: 23 bytes for 3 numbers'
+run sfm reconstruct --database wgs84.db -o cartesian # not read without --align
+expect_status 0
+
 # --- from a model ---
 run sfm synth -o twelve --images 12 --size 320x240 --seed 3
 expect_status 0

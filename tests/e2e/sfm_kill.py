@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Kills `sfm reconstruct` at random moments of all its stages. The same command then produces the files of an undisturbed run.
+"""Kills `sfm reconstruct`, or `sfm merge` of clusters, at random moments of all its stages. The same command then produces the files of
+an undisturbed run.
 
-sfm_kill.py IMAGES KILLS [MAPPER ..]. The moments are spread over the processor time of the undisturbed run, so they are the
+sfm_kill.py IMAGES KILLS [MAPPER ..]: incremental, global, or merge. The moments are spread over the processor time of the undisturbed run, so they are the
 same on a busy machine. One kill falls into each of KILLS equal parts of it. Every run begins in a new folder.
 """
 import json
@@ -28,6 +29,8 @@ def fail(text):
 
 
 def command(folder, mapper):
+    if mapper == "merge":
+        return [PROGRAM, "sfm", "merge", "clusters", "--checkpoint", "0", "--threads", "1", "--quiet", "-o", folder]
     return [PROGRAM, "sfm", "reconstruct", "scene/images", "--camera-file", "scene/camera.yaml", "--max-features", "500", "--mapper",
             mapper, "--checkpoint", "0", "--threads", "1", "--quiet", "-o", folder]
 
@@ -86,7 +89,13 @@ def main():
     rng = random.Random(1)
     subprocess.run([PROGRAM, "sfm", "synth", "-o", "scene", "--images", str(images), "--size", "320x240", "--seed", "4"], check=True,
                    stdout=subprocess.DEVNULL)
-    for mapper in sys.argv[3:] or ["incremental", "global"]:
+    mappers = sys.argv[3:] or ["incremental", "global", "merge"]
+    if "merge" in mappers:
+        for words in (["plan", "scene/images", "--camera-file", "scene/camera.yaml", "--max-features", "500", "--cluster-size",
+                       str(max(6, images // 3)), "-o", "clusters"],
+                      ["features", "clusters"], ["match", "clusters"], ["map", "clusters", "--cluster", "all"]):
+            subprocess.run([PROGRAM, "sfm", *words, "--quiet"], check=True, stdout=subprocess.DEVNULL)
+    for mapper in mappers:
         shutil.rmtree("whole", ignore_errors=True)
         total = run("whole", mapper)
         expected = files_of("whole")

@@ -200,6 +200,96 @@ for file in cameras.txt images.txt points3D.txt; do
   cmp -s clusters/model/$file merged/$file || fail "clusters by Slurm: another $file"
 done
 
+# --- scale and place, and further files, as of a single run ---
+mkdir located
+python3 - <<'PY'
+# Writes the images with GPS in their EXIF, about 47 N 8 E; and positions.csv, which differs from it.
+import json, struct
+def degrees(angle):
+    units = round(angle * 3600 * 100000)  # of 1e-5 arc seconds
+    return struct.pack("<6I", units // (3600 * 100000), 1, units // (60 * 100000) % 60, 1, units % (60 * 100000), 100000)
+def exif(latitude, longitude, altitude):
+    def field(tag, kind, count, value):
+        return struct.pack("<HHII", tag, kind, count, value)
+    gps, data = 26, 26 + 2 + 5 * 12 + 4
+    tiff = b"II" + struct.pack("<HIH", 42, 8, 1) + field(0x8825, 4, 1, gps) + struct.pack("<IH", 0, 5)
+    tiff += field(1, 2, 2, ord("N")) + field(2, 5, 3, data) + field(3, 2, 2, ord("E")) + field(4, 5, 3, data + 24)
+    tiff += field(6, 5, 1, data + 48) + struct.pack("<I", 0) + degrees(latitude) + degrees(longitude)
+    tiff += struct.pack("<2I", round(altitude * 1000), 1000)
+    return b"\xff\xe1" + struct.pack(">H", len(tiff) + 8) + b"Exif\0\0" + tiff
+positions = ""
+for line in map(json.loads, open("scene/truth.jsonl")):
+    x, y, z = line["C"]
+    image = open("scene/images/" + line["name"], "rb").read()
+    open("located/" + line["name"], "wb").write(image[:2] + exif(47 + y / 111176, 8 + x / 76055, 400 + z) + image[2:])
+    positions += "%s,%r,%r,%r\n" % (line["name"], 10 - z, y, x)
+open("positions.csv", "w").write(positions)
+PY
+retrieval=("${options[@]}" --pairs retrieval --nearest 4)
+exports=(--export binary database undistorted)
+run sfm plan located "${retrieval[@]}" -o by-gps --shards 2 --cluster-size 6
+run sfm features by-gps
+run sfm match by-gps
+run sfm plan located "${retrieval[@]}" -o by-csv --shards 2 --positions positions.csv
+run sfm features by-csv
+run sfm match by-csv
+cmp -s by-gps/plan.json by-csv/plan.json && fail 'plan.json has no given positions'
+for place in gps positions.csv; do
+  run sfm reconstruct located "${retrieval[@]}" -o "single-$place" --align $place "${exports[@]}"
+  expect_status 0
+  work=by-gps
+  [ $place = gps ] || work=by-csv
+  run sfm map $work -o "mapped-$place" --align $place "${exports[@]}"
+  expect_status 0
+  for file in cameras.txt images.txt points3D.txt images.bin points3D.bin undistorted/sparse/images.txt; do
+    cmp -s "single-$place/$file" "mapped-$place/$file" || fail "map --align $place: another $file"
+  done
+  [ -s "mapped-$place/database.db" ] || fail "map --align $place: no database.db"
+done
+run sfm map by-gps --cluster all
+run sfm merge by-gps -o merged-gps --align gps "${exports[@]}"
+expect_status 0
+expect_out 'model 0: 12 of 12 images'
+run sfm merge by-gps -o merged-distance --distance 2 --distance-between 0000.jpg 0011.jpg
+expect_status 0
+python3 - <<'PY' || fail 'scale and place of a merged model'
+import json
+def centers(folder):
+    result = {}
+    lines = [line.split() for line in open(folder + "/images.txt") if not line.startswith("#")][::2]
+    for words in lines:
+        w, x, y, z = map(float, words[1:5])
+        t = list(map(float, words[5:8]))
+        rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
+        result[words[9]] = [-sum(rows[k][i] * t[k] for k in range(3)) for i in range(3)]
+    return result
+def distance(a, b):
+    return sum((x - y) ** 2 for x, y in zip(a, b)) ** 0.5
+merged, mapped = centers("merged-gps"), centers("mapped-gps")
+assert len(merged) == 12
+truth = {line["name"]: line["C"] for line in map(json.loads, open("scene/truth.jsonl"))}
+mean = [sum(c[k] for c in truth.values()) / 12 for k in range(3)]
+extent = max(distance(c, mean) for c in truth.values())
+for name, center in merged.items():  # metres, the origin at the mean
+    assert distance(center, mapped[name]) < 0.002 * extent, (name, center, mapped[name])
+    assert distance(center, [truth[name][k] - mean[k] for k in range(3)]) < 0.01 * extent, (name, center)
+scaled = centers("merged-distance")
+assert abs(distance(scaled["0000.jpg"], scaled["0011.jpg"]) - 2) < 1e-6
+PY
+for file in points3D.bin database.db undistorted/images/0000.jpg; do
+  [ -s "merged-gps/$file" ] || fail "merge: no $file"
+done
+run sfm merge by-gps -o merged-none --align positions.csv --distance 2 --distance-between 0000.jpg none.jpg
+expect_status 2
+printf 'none.jpg,0,0,0\n' >none.csv
+run sfm plan located "${retrieval[@]}" -o none --positions none.csv
+expect_status 3
+expect_error "no name is an image here"
+run sfm plan located "${retrieval[@]}" -o none --positions missing.csv
+expect_status 3
+
 # --- models of folders that share images ---
 mkdir few
 for k in 0 1 2 3 4 5 6 7; do ln -s "$PWD/scene/images/000$k.jpg" few/; done
@@ -212,6 +302,10 @@ expect_status 0
 expect_out 'model 0: 12 of 12 images'
 run sfm merge first second -o both --align gps
 expect_status 2
+run sfm merge first second -o both-placed --align positions.csv --export binary
+expect_status 0
+grep -A1 '"aligned"' both-placed/report.json | grep -q '"images": 12' || fail 'merged folders: not aligned'
+[ -s both-placed/points3D.bin ] || fail 'merged folders: no binary model'
 run sfm merge first nowhere -o both
 expect_status 3
 expect_error 'nowhere'

@@ -318,13 +318,13 @@ inline constexpr auto kFreeTextFlags =
                                      "--names", "--note", "--source", "--terms", "--text"});
 
 inline constexpr auto kInputFlags = std::to_array<std::string_view>(
-    {"--annotated", "--appearance",  "--camera-file",    "--compare",    "--countries-dir",
-     "--database",  "--detector",    "--detector-model", "--embedding",  "--found",
-     "--from",      "--head",        "--image",          "--images",     "--learn-background",
-     "--list",      "--mapping",     "--mesh",           "--model",      "--object",
-     "--on",        "--pointing",    "--points",         "--reader",     "--results",
-     "--scenes",    "--start-model", "--target",         "--train-list", "--truth",
-     "--view",      "--without"});
+    {"--annotated", "--appearance", "--camera-file",    "--compare",   "--countries-dir",
+     "--database",  "--detector",   "--detector-model", "--embedding", "--found",
+     "--from",      "--head",       "--image",          "--images",    "--learn-background",
+     "--list",      "--mapping",    "--mesh",           "--model",     "--object",
+     "--on",        "--pointing",   "--points",         "--positions", "--reader",
+     "--results",   "--scenes",     "--start-model",    "--target",    "--train-list",
+     "--truth",     "--view",       "--without"});
 
 inline constexpr auto kWordOrInputFlags = std::to_array<std::string_view>(
     {"--align", "--background", "--camera", "--face-detector", "--pairs"});

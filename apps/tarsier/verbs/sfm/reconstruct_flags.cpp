@@ -80,11 +80,11 @@ void complete_matching(const ReconstructFlags& flags, sfm::ReconstructorOptions&
         "--wide detects features in images: not possible with --database or --matches flow");
   if (flags.inputs.empty()) {
     if (options.database.empty()) throw UsageError("PHOTOS is required");
-    if (flags.dense || flags.mesh || flags.options.match_images || flags.align == "gps" ||
+    if (flags.dense || flags.mesh || flags.options.match_images ||
         std::find(flags.exports.begin(), flags.exports.end(), "undistorted") != flags.exports.end())
       throw UsageError(
-          "--dense, --mesh, --match-images, --align gps, --export undistorted: need the images, "
-          "not only --database");
+          "--dense, --mesh, --match-images, --export undistorted: need the images, not only "
+          "--database");
   }
   if (options.flow && flags.online.online)
     throw UsageError("--online compares descriptors: not possible with --matches flow");
@@ -189,10 +189,13 @@ void add_start_flags(Command& verb, ReconstructFlags& flags) {
       .group("Mapping");
 }
 
-void add_placement_flags(Command& verb, ReconstructFlags& flags) {
+// `is_whole`: for a verb that may take positions from a database.
+void add_placement_flags(Command& verb, ReconstructFlags& flags, bool is_whole) {
   const auto out = [](Flag& flag) { flag.group("Result"); };
   out(verb.add_option("--align", flags.align,
-                      "align to camera positions: file of name,x,y,z lines; or gps: from EXIF"));
+                      std::string("align to camera positions: file of name,x,y,z lines; or gps: "
+                                  "from EXIF") +
+                          (is_whole ? ", else the pose priors of --database" : "")));
   add_scale_flags(verb, flags.scale, "Result");
   out(verb.add_option("--export", flags.exports,
                       "undistorted: images and model for dense tools; binary: COLMAP model; "
@@ -266,7 +269,7 @@ void add_plan_flags(Command& verb, ReconstructFlags& flags) {
 void add_map_flags(Command& verb, ReconstructFlags& flags, bool needs_output) {
   Flag& output = verb.add_option("-o,--output", flags.options.folder, "output folder of the model");
   if (needs_output) output.required();
-  add_placement_flags(verb, flags);
+  add_placement_flags(verb, flags, false);
   add_turntable_flag(verb, flags, "write turntable.gif, the rotating point cloud");
   add_cache_flags(verb, flags);
 }
@@ -281,7 +284,7 @@ void add_reconstruct_flags(Command& verb, ReconstructFlags& flags) {
   add_match_flags(verb, flags, true);
   add_mapping_flags(verb, flags);
   add_start_flags(verb, flags);
-  add_placement_flags(verb, flags);
+  add_placement_flags(verb, flags, true);
   const auto out = [](Flag& flag) { flag.group("Result"); };
   out(verb.add_flag("--dense", flags.dense,
                     "also compute depth maps and a dense cloud in dense/, as `sfm dense` does"));

@@ -2,6 +2,7 @@
 // A reconstruction by shards: plan, features, match, map, merge.
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/words.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/sfm/mapper/report.h"
 #include "tarsier/sfm/pipelines/inputs.h"
@@ -9,6 +10,7 @@
 #include "tarsier/sfm/pipelines/plan.h"
 #include "tarsier/sfm/pipelines/shard_commands.h"
 #include "tarsier/sfm/pipelines/sharded_reconstructor.h"
+#include "tarsier/sfm/scene/align.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -29,8 +31,20 @@ struct PlanFlags {
   ReconstructFlags reconstruct;
   int shards = 1;
   int cluster_size = 0;
+  std::string positions;
   bool slurm = false;
 };
+
+// The positions of a file; throws InputError where none is of an input.
+sfm::Positions positions_for(const std::string& file, const std::vector<sfm::Input>& inputs) {
+  if (file.empty()) return {};
+  sfm::Positions known = sfm::read_positions_csv(file);
+  if (std::none_of(inputs.begin(), inputs.end(),
+                   [&](const sfm::Input& input) { return known.contains(input.name); }))
+    throw InputError(file, fmt::format("no name belongs to an image (the first image is '{}')",
+                                       printable(inputs.front().name)));
+  return known;
+}
 
 std::string clusters_text(int clusters) {
   return clusters == 0 ? "" : fmt::format(", {} cluster{}", clusters, clusters == 1 ? "" : "s");
@@ -46,8 +60,9 @@ ExitStatus make_plan(const PlanFlags& flags, Context& context) {
       sfm::find_inputs(sources, options.keyframes, (fs::path(folder) / "frames").string(),
                        *context.progress, context.stop);
   sfm::require_two_images(inputs, sources.front());
-  const sfm::Plan plan = sfm::write_plan(options.folder, inputs, options.pipeline, flags.shards,
-                                         *context.progress, context.stop, flags.cluster_size);
+  const sfm::Plan plan =
+      sfm::write_plan(options.folder, inputs, options.pipeline, flags.shards, *context.progress,
+                      context.stop, flags.cluster_size, positions_for(flags.positions, inputs));
   const auto unreadable =
       std::count_if(plan.images.begin(), plan.images.end(),
                     [](const sfm::PlannedImage& image) { return image.sha256.empty(); });
@@ -91,6 +106,10 @@ void add_flags(Command& verb, PlanFlags& flags) {
           "--cluster-size", flags.cluster_size,
           "map clusters of this many images separately, for `sfm merge` [all images together]")
       .check(range(sfm::kMinClusterSize, 1'000'000));
+  verb.add_option(
+      "--positions", flags.positions,
+      "camera positions that guide the choice of pairs by retrieval: file of name,x,y,z "
+      "lines [from EXIF]");
   verb.add_flag("--slurm", flags.slurm, "write sfm.sbatch, a script that submits all stages");
 }
 

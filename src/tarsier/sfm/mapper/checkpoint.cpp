@@ -18,7 +18,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::int64_t kMaxBytes = 16'000'000'000;
-constexpr std::int32_t kVersion = 4;  // of the format, and of the mapping algorithm
+constexpr std::int32_t kVersion = 5;  // of the format, and of the mapping algorithm
 
 void put(PackedWriter& writer, const std::vector<geometry::Camera>& cameras) {
   writer.put(static_cast<std::uint64_t>(cameras.size()));
@@ -105,6 +105,35 @@ GlobalStartState get_global_start(PackedReader& reader) {
   state.rejections = reader.get_all<PairRejection>();
   state.log = get_texts(reader);
   return state;
+}
+
+void put(PackedWriter& writer, const ModelJoin& join) {
+  writer.put(std::array<std::int32_t, 6>{join.first, join.second, join.images, join.agreeing,
+                                         join.points, join.inliers});
+  writer.put(join.rotation_deg);
+  writer.put(join.scale_error);
+  writer.put(join.first_from_second.scale);
+  writer.put(join.first_from_second.rotation);
+  writer.put(join.first_from_second.translation);
+  writer.put(join.refusal);
+}
+
+ModelJoin get_join(PackedReader& reader) {
+  ModelJoin join;
+  const auto numbers = reader.get<std::array<std::int32_t, 6>>();
+  join.first = numbers[0];
+  join.second = numbers[1];
+  join.images = numbers[2];
+  join.agreeing = numbers[3];
+  join.points = numbers[4];
+  join.inliers = numbers[5];
+  join.rotation_deg = reader.get<double>();
+  join.scale_error = reader.get<double>();
+  join.first_from_second.scale = reader.get<double>();
+  join.first_from_second.rotation = reader.get<Eigen::Matrix3d>();
+  join.first_from_second.translation = reader.get<Eigen::Vector3d>();
+  join.refusal = reader.get_text();
+  return join;
 }
 
 }  // namespace
@@ -197,6 +226,25 @@ void unpack(const PackedModel& packed, Model& model) {
   }
 }
 
+Model unpacked(const PackedModel& packed, const std::vector<Image>& images) {
+  Model model;
+  model.images.resize(images.size());
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    model.images[i].name = images[i].name;
+    model.images[i].camera = images[i].camera;
+  }
+  for (const int image : packed.registered) {
+    model.images[at(image)] = images[at(image)];
+    model.images[at(image)].points.assign(images[at(image)].features.size(), -1);
+  }
+  model.points.resize(static_cast<std::size_t>(packed.points));
+  unpack(packed, model);
+  for (std::size_t p = 0; p < model.points.size(); ++p)
+    for (const Observation& seen : model.points[p].track)
+      model.images[at(seen.image)].points[at(seen.feature)] = static_cast<int>(p);
+  return model;
+}
+
 int MapperState::registered() const {
   std::size_t count = current ? current->model.registered.size() : 0;
   for (const PackedModel& model : models) count += model.registered.size();
@@ -223,6 +271,7 @@ bool fits(const MapperState& state, const std::vector<geometry::Camera>& cameras
     if (!each.attempts.empty() || !fits(each, cameras, images, pairs)) return false;
   if (state.reasons.size() != images.size() || state.rejections.size() != pairs) return false;
   if (state.has_open_loop_model && state.models.empty()) return false;
+  if (state.grown < 0 || at(state.grown) > state.models.size()) return false;
   for (const PackedModel& model : state.models)
     if (!fits(model, cameras.size(), images)) return false;
   for (const auto& [image, points] : state.failed)
@@ -264,6 +313,9 @@ void put(PackedWriter& writer, const MapperState& state) {
   put(writer, state.patch_rejections);
   writer.put(static_cast<std::uint64_t>(state.attempts.size()));
   for (const MapperState& each : state.attempts) put(writer, each);
+  writer.put(static_cast<std::uint64_t>(state.joins.size()));
+  for (const ModelJoin& join : state.joins) put(writer, join);
+  writer.put(static_cast<std::int32_t>(state.grown));
 }
 
 MapperState get_state(PackedReader& reader, bool is_attempt) {
@@ -298,6 +350,9 @@ MapperState get_state(PackedReader& reader, bool is_attempt) {
   const auto attempts = reader.get<std::uint64_t>();
   if (is_attempt && attempts > 0) throw Damaged();
   for (std::uint64_t k = 0; k < attempts; ++k) state.attempts.push_back(get_state(reader, true));
+  const auto joins = reader.get<std::uint64_t>();
+  for (std::uint64_t k = 0; k < joins; ++k) state.joins.push_back(get_join(reader));
+  state.grown = reader.get<std::int32_t>();
   return state;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/sfm/mapper/model_join.h"
 #include "tarsier/sfm/mapper/packed_file.h"
 #include "tarsier/sfm/mapper/pair_rejection.h"
 #include "tarsier/sfm/scene/model.h"
@@ -34,6 +35,9 @@ struct PackedModel {
 [[nodiscard]] PackedModel packed(const Model& model);
 // Unpacks into a model that has the images, unregistered, and as many points, all empty.
 void unpack(const PackedModel& packed, Model& model);
+// The model with these images; those that are not registered have no features. The
+// model must fit the images (fits()).
+[[nodiscard]] Model unpacked(const PackedModel& packed, const std::vector<Image>& images);
 // Records in a packed file; the reader throws Damaged. fits() checks that all indices are valid for
 // this number of cameras and these images' features.
 void put(PackedWriter& writer, const PackedModel& model);
@@ -92,6 +96,10 @@ struct MapperState {
   // of its own.
   std::vector<PatchRejection> patch_rejections;
   std::vector<MapperState> attempts;
+  // Of joined models (joined_mapper.h): their joins, and how many of `models` have grown to their
+  // end. `current` is the growing form of the next one.
+  std::vector<ModelJoin> joins;
+  int grown = 0;
   // Number of images in all models.
   [[nodiscard]] int registered() const;
 };

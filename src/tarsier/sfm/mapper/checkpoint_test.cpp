@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -51,6 +52,18 @@ MapperState some_state() {
   MapperState of_try = state;
   of_try.log = {"of a try"};
   state.attempts = {of_try, of_try};
+  ModelJoin& join = state.joins.emplace_back();
+  join.first = 1;
+  join.second = 2;
+  join.images = 3;
+  join.agreeing = 4;
+  join.points = 5;
+  join.inliers = 6;
+  join.rotation_deg = 7;
+  join.scale_error = 0.5;
+  join.first_from_second = {2, model.images[0].pose.rotation, {8, 9, 10}};
+  join.refusal = "why";
+  state.grown = 1;
   return state;
 }
 
@@ -97,6 +110,17 @@ TEST_F(Checkpoint, RoundTripKeepsState) {
   ASSERT_EQ(read->attempts.size(), 2U);
   EXPECT_EQ(read->attempts[1].log, state.attempts[1].log);
   EXPECT_EQ(read->attempts[1].registered(), 8);
+  ASSERT_EQ(read->joins.size(), 1U);
+  const ModelJoin& join = read->joins[0];
+  EXPECT_EQ(
+      (std::array{join.first, join.second, join.images, join.agreeing, join.points, join.inliers}),
+      (std::array{1, 2, 3, 4, 5, 6}));
+  EXPECT_EQ((std::array{join.rotation_deg, join.scale_error, join.first_from_second.scale}),
+            (std::array{7.0, 0.5, 2.0}));
+  EXPECT_EQ(join.first_from_second.rotation, state.joins[0].first_from_second.rotation);
+  EXPECT_EQ(join.first_from_second.translation, state.joins[0].first_from_second.translation);
+  EXPECT_EQ(join.refusal, "why");
+  EXPECT_EQ(read->grown, 1);
   ASSERT_TRUE(read->current);
   EXPECT_EQ(read->current->tracks, state.current->tracks);
   EXPECT_EQ(read->current->ray_cameras[1].fx, state.current->ray_cameras[1].fx);
@@ -132,6 +156,9 @@ TEST_F(Checkpoint, IsRejectedForOtherImages) {
   fewer[2].features.resize(10);
   EXPECT_FALSE(fits(state, model.cameras, fewer, 3));
   state.current->model.point_indices.back() = 100;
+  EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
+  state = some_state();
+  state.grown = 2;  // of one model
   EXPECT_FALSE(fits(state, model.cameras, model.images, 3));
   state = some_state();
   state.has_open_loop_model = true;

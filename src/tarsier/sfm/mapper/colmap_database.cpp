@@ -19,6 +19,7 @@
 #include <cstdint>
 #include <cstring>
 #include <map>
+#include <optional>
 #include <set>
 
 namespace tarsier::sfm {
@@ -34,6 +35,13 @@ constexpr int kUncalibrated = 3;
 constexpr int kDescriptorBytes = 128;
 constexpr int kSiftDescriptors = 0;  // COLMAP's code in the column `type` of descriptors
 constexpr double kMaxPixel = 1e7;
+// Of pose priors: COLMAP's codes for coordinate systems and sensors.
+constexpr int kUndefinedSystem = -1;
+constexpr int kWgs84 = 0;
+constexpr int kCartesian = 1;
+constexpr int kCameraSensor = 0;
+constexpr double kMaxAltitude = 1e5;    // m
+constexpr double kMaxCartesian = 1e12;  // in any unit
 
 const char* const kTables =
     "CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, model INTEGER NOT "
@@ -212,8 +220,85 @@ class Reader {
     return std::move(result_);
   }
 
+  std::vector<ColmapPosePrior> read_pose_priors() {
+    std::vector<ColmapPosePrior> priors;
+    if (!has_column("pose_priors", "position")) return priors;
+    read_cameras();
+    read_images();
+    const bool is_version4 = has_column("pose_priors", "corr_data_id");
+    Statement row(file_,
+                  fmt::format("SELECT {}, position, coordinate_system, {} FROM pose_priors",
+                              is_version4 ? "corr_data_id" : "image_id",
+                              is_version4 ? "corr_sensor_type" : std::to_string(kCameraSensor)));
+    int undefined = 0;
+    int unknown = 0;
+    int impossible = 0;
+    while (row.step()) {
+      if (row.integer(3) != kCameraSensor) continue;
+      const auto image = images_.find(row.integer(0));
+      if (image == images_.end())
+        fail(fmt::format("pose prior of image {}, which is not in the table images",
+                         row.integer(0)));
+      auto position = position_of(row.bytes(1), image->first);
+      if (!position) continue;
+      const std::int64_t system = row.integer(2);
+      if (system == kWgs84) {
+        if (std::isnan((*position)[2])) (*position)[2] = 0;
+        if ((*position)[0] == 0 && (*position)[1] == 0) continue;
+        if (!is_place(*position)) {
+          ++impossible;
+          continue;
+        }
+      } else if (system == kCartesian || system == kUndefinedSystem) {
+        if (!(position->cwiseAbs().maxCoeff() <= kMaxCartesian) || position->hasNaN()) {
+          ++impossible;
+          continue;
+        }
+        if (system == kUndefinedSystem) ++undefined;
+      } else {
+        ++unknown;
+        continue;
+      }
+      priors.push_back({result_.images[at(image->second)].name, system == kWgs84, *position});
+    }
+    if (undefined > 0)
+      log_warning("{}: {} pose priors have no coordinate system: used as cartesian", path_,
+                  undefined);
+    if (unknown > 0)
+      log_warning("{}: {} pose priors have an unknown coordinate system (left out)", path_,
+                  unknown);
+    if (impossible > 0)
+      log_warning("{}: {} pose priors have an impossible position (left out)", path_, impossible);
+    std::stable_sort(priors.begin(), priors.end(),
+                     [](const auto& a, const auto& b) { return a.name < b.name; });
+    return priors;
+  }
+
  private:
   [[noreturn]] void fail(const std::string& reason) const { throw InputError(path_, reason); }
+
+  // Nothing where there is no position: NULL, or all NaN.
+  [[nodiscard]] std::optional<Eigen::Vector3d> position_of(const std::vector<std::uint8_t>& bytes,
+                                                           std::int64_t id) const {
+    Eigen::Vector3d position;
+    if (bytes.empty()) return std::nullopt;
+    if (bytes.size() != 3 * sizeof(double))
+      fail(fmt::format("pose prior of image {}: {} bytes for 3 numbers", id, bytes.size()));
+    std::memcpy(position.data(), bytes.data(), bytes.size());
+    if (position.array().isNaN().all()) return std::nullopt;
+    return position;
+  }
+
+  static bool is_place(const Eigen::Vector3d& wgs84) {
+    return std::abs(wgs84[0]) <= 90 && std::abs(wgs84[1]) <= 360 &&
+           std::abs(wgs84[2]) <= kMaxAltitude;
+  }
+
+  bool has_column(const std::string& table, const std::string& column) {
+    Statement row(file_,
+                  "SELECT 1 FROM pragma_table_info('" + table + "') WHERE name = '" + column + "'");
+    return row.step();
+  }
 
   // The numbers of a blob of rows x columns.
   template <typename Number>
@@ -297,14 +382,10 @@ class Reader {
     }
   }
 
-  // COLMAP 4 added the kind of descriptors.
-  bool has_descriptor_type() {
-    Statement row(file_, "SELECT 1 FROM pragma_table_info('descriptors') WHERE name = 'type'");
-    return row.step();
-  }
-
   void read_descriptors() {
-    const std::string type = has_descriptor_type() ? "type" : std::to_string(kSiftDescriptors);
+    // COLMAP 4 added the kind of descriptors.
+    const std::string type =
+        has_column("descriptors", "type") ? "type" : std::to_string(kSiftDescriptors);
     Statement row(file_, "SELECT image_id, rows, cols, data, " + type +
                              " FROM descriptors ORDER BY image_id");
     int others = 0;
@@ -387,5 +468,9 @@ void write_colmap_database(const std::string& path, const ColmapDatabase& databa
 }
 
 ColmapDatabase read_colmap_database(const std::string& path) { return Reader(path).read(); }
+
+std::vector<ColmapPosePrior> read_colmap_pose_priors(const std::string& path) {
+  return Reader(path).read_pose_priors();
+}
 
 }  // namespace tarsier::sfm

@@ -6,6 +6,8 @@
 #include "tarsier/sfm/mapper/matching.h"
 #include "tarsier/sfm/mapper/two_view.h"
 
+#include <Eigen/Core>
+
 #include <span>
 #include <string>
 #include <vector>
@@ -14,7 +16,7 @@ namespace tarsier::sfm {
 
 // COLMAP's database (https://colmap.github.io/database.html): cameras, images, their features with
 // descriptors, and matches of image pairs. COLMAP's mapper can use features and matches of this
-// library, and vice versa. Versions 3.x and 4.x are read; rigs, frames and pose priors are ignored.
+// library, and vice versa. Versions 3.x and 4.x are read; rigs and frames are ignored.
 // Version 3.8 is written: later ones add the missing tables when they open it, and take each camera
 // for a rig. COLMAP places pixel centres at 0.5, this library at 0.
 struct ColmapDatabase {
@@ -51,5 +53,28 @@ void write_colmap_database(const std::string& path, const ColmapDatabase& databa
 // blobs whose size differs from rows and columns, numbers that are not finite, unknown ids, matches
 // of non-existing features, a camera model that geometry/colmap_camera.h does not know.
 [[nodiscard]] ColmapDatabase read_colmap_database(const std::string& path);
+
+// The camera position of an image in a database.
+struct ColmapPosePrior {
+  std::string name;      // of the image
+  bool is_wgs84 = true;  // else any cartesian frame
+  // WGS84: latitude deg, longitude deg, altitude m (0: unknown). Otherwise as it was written.
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
+};
+
+// Reads the table `pose_priors`, sorted by image name; empty where there is no such table. Its
+// forms in COLMAP's pull requests and its source (src/colmap/scene/database_sqlite.cc):
+// - 2024 (#2620): image_id, position (3 doubles), coordinate_system (-1 undefined, 0 WGS84, 1
+//   cartesian);
+// - 3.11 to 3.13 (#2660): the same and position_covariance, which is not used here;
+// - 4 (#3777): pose_prior_id, corr_data_id, corr_sensor_id, corr_sensor_type, position,
+//   position_covariance, gravity, coordinate_system. For a camera (type 0), corr_data_id is the
+//   image's id (#4547). Rows of other sensors are skipped.
+// As in COLMAP, a prior may have no position (NULL or NaN), and an undefined coordinate system
+// counts as cartesian, with a warning. WGS84's 0 N 0 E, which COLMAP's readers skip, is no position
+// either. Priors with impossible positions or unknown coordinate systems are left out with a
+// warning. Throws InputError as read_colmap_database(); also for positions of another size and for
+// unknown images.
+[[nodiscard]] std::vector<ColmapPosePrior> read_colmap_pose_priors(const std::string& path);
 
 }  // namespace tarsier::sfm

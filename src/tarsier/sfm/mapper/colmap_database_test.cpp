@@ -6,10 +6,13 @@
 #include "tarsier/media/sqlite.h"
 #include "tarsier/media/testing_folder.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <array>
+#include <cstring>
+#include <limits>
 
 namespace tarsier::sfm {
 namespace {
@@ -118,7 +121,10 @@ const char* const kVersion4 =
     "CREATE TABLE frame_data (frame_id INTEGER NOT NULL, data_id INTEGER NOT NULL, sensor_id "
     "INTEGER NOT NULL, sensor_type INTEGER NOT NULL);"
     "CREATE TABLE pose_priors (pose_prior_id INTEGER PRIMARY KEY NOT NULL, corr_data_id INTEGER "
-    "NOT NULL, position BLOB);"
+    "NOT NULL, corr_sensor_id INTEGER NOT NULL, corr_sensor_type INTEGER NOT NULL, position BLOB, "
+    "position_covariance BLOB, gravity BLOB, coordinate_system INTEGER NOT NULL);"
+    "CREATE UNIQUE INDEX pose_prior_data_assignment ON pose_priors(corr_data_id, corr_sensor_id, "
+    "corr_sensor_type);"
     "INSERT INTO rigs VALUES (1, 1, 0), (2, 2, 0);"
     "INSERT INTO frames VALUES (1, 1), (2, 1), (3, 2);"
     "INSERT INTO frame_data VALUES (1, 1, 1, 0), (2, 2, 1, 0), (3, 3, 2, 0);"
@@ -155,6 +161,99 @@ TEST(ColmapDatabase, LeavesOutDescriptorsOtherThanSift) {
   EXPECT_EQ(read.images[0].features.points.size(), 50U);
   EXPECT_EQ(read.images[1].features.descriptors.rows, 50);
   EXPECT_EQ(read.pairs.size(), 1U);
+}
+
+// The pose priors of COLMAP 3.11.
+const char* const kPriors3 =
+    "CREATE TABLE pose_priors (image_id INTEGER PRIMARY KEY NOT NULL, position BLOB, "
+    "coordinate_system INTEGER NOT NULL, position_covariance BLOB, FOREIGN KEY(image_id) "
+    "REFERENCES images(image_id) ON DELETE CASCADE);";
+
+// Three doubles as a blob of SQL.
+std::string blob(double x, double y, double z) {
+  const std::array<double, 3> numbers{x, y, z};
+  std::array<unsigned char, sizeof(numbers)> bytes{};
+  std::memcpy(bytes.data(), numbers.data(), sizeof(numbers));
+  std::string text = "x'";
+  for (const unsigned char byte : bytes) text += fmt::format("{:02x}", byte);
+  return text + "'";
+}
+
+std::vector<ColmapPosePrior> priors_after(const std::string& statements) {
+  const TemporaryFolder folder;
+  write_changed(folder / "database.db", statements);
+  return read_colmap_pose_priors(folder / "database.db");
+}
+
+std::string prior_error_after(const std::string& statements) {
+  try {
+    (void)priors_after(statements);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+// Of version 3.11: an image's prior.
+std::string prior(int image, const std::string& position, int system) {
+  return fmt::format("INSERT INTO pose_priors VALUES ({}, {}, {}, NULL);", image, position, system);
+}
+
+TEST(ColmapDatabase, ReadsPosePriorsOfVersions3And4) {
+  EXPECT_TRUE(priors_after("SELECT 1").empty());  // no table
+  EXPECT_TRUE(priors_after(kPriors3).empty());
+  const auto check = [](const std::vector<ColmapPosePrior>& priors) {
+    ASSERT_EQ(priors.size(), 2U);
+    EXPECT_EQ(priors[0].name, "photo 0.jpg");
+    EXPECT_EQ(priors[0].position, Eigen::Vector3d(47, 8, 400));
+    EXPECT_TRUE(priors[0].is_wgs84);
+    EXPECT_EQ(priors[1].name, "photo 2.jpg");
+    EXPECT_EQ(priors[1].position, Eigen::Vector3d(-1, 2, 3));
+    EXPECT_FALSE(priors[1].is_wgs84);
+  };
+  check(priors_after(kPriors3 + prior(3, blob(-1, 2, 3), 1) + prior(1, blob(47, 8, 400), 0)));
+  // The first form has no covariance.
+  check(priors_after(kPriors3 + prior(3, blob(-1, 2, 3), 1) + prior(1, blob(47, 8, 400), 0) +
+                     "ALTER TABLE pose_priors DROP COLUMN position_covariance"));
+  // The ids of priors are not those of images. Another sensor may have the id of an image.
+  check(priors_after(kVersion4 + std::string("INSERT INTO pose_priors VALUES (9, 3, 2, 0, ") +
+                     blob(-1, 2, 3) + ", zeroblob(72), zeroblob(24), 1), (2, 1, 1, 0, " +
+                     blob(47, 8, 400) + ", NULL, NULL, 0), (3, 2, 1, 1, " + blob(5, 5, 5) +
+                     ", NULL, NULL, 1)"));
+}
+
+TEST(ColmapDatabase, LeavesOutPosePriorsWithoutPosition) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  EXPECT_TRUE(priors_after(kPriors3 + prior(1, "NULL", 0) + prior(2, blob(kNan, kNan, kNan), 0) +
+                           prior(3, blob(0, 0, 7), 0))
+                  .empty());
+  EXPECT_TRUE(priors_after(kPriors3 + prior(1, blob(91, 8, 0), 0) + prior(2, blob(47, 361, 0), 0) +
+                           prior(3, blob(47, 8, 1e300), 0))
+                  .empty());
+  EXPECT_TRUE(priors_after(kPriors3 + prior(1, blob(kNan, 8, 0), 0) +
+                           prior(2, blob(1, kInfinity, 0), 1) + prior(3, blob(1, 2, kNan), 1))
+                  .empty());
+  EXPECT_TRUE(priors_after(kPriors3 + prior(1, blob(1, 2, 3), 2) + prior(2, blob(1, 2, 3), -2) +
+                           prior(3, blob(1, -1e13, 3), -1))
+                  .empty());
+  // An unknown altitude; no coordinate system.
+  const auto priors =
+      priors_after(kPriors3 + prior(1, blob(47, 8, kNan), 0) + prior(2, blob(1, 2, 3), -1));
+  ASSERT_EQ(priors.size(), 2U);
+  EXPECT_EQ(priors[0].position, Eigen::Vector3d(47, 8, 0));
+  EXPECT_FALSE(priors[1].is_wgs84);
+}
+
+TEST(ColmapDatabase, RefusesInconsistentPosePriors) {
+  EXPECT_THAT(prior_error_after(kPriors3 + prior(1, "zeroblob(23)", 0)),
+              HasSubstr("pose prior of image 1: 23 bytes for 3 numbers"));
+  EXPECT_THAT(prior_error_after(kPriors3 + prior(1, "'text'", 1)), HasSubstr("4 bytes"));
+  EXPECT_THAT(prior_error_after(kPriors3 + prior(7, blob(1, 2, 3), 1)),
+              HasSubstr("pose prior of image 7"));
+  EXPECT_THAT(prior_error_after("CREATE TABLE pose_priors (position BLOB)"), HasSubstr("image_id"));
+  // Models do not depend on them.
+  EXPECT_EQ(error_after(kPriors3 + prior(1, "zeroblob(23)", 0)), "");
 }
 
 TEST(ColmapDatabase, RefusesInconsistentTables) {

@@ -2,7 +2,9 @@
 #include "tarsier/sfm/mapper/joined_mapper.h"
 
 #include "tarsier/core/at.h"
+#include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
+#include "tarsier/sfm/mapper/checkpoint_timer.h"
 #include "tarsier/sfm/mapper/growth.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/model_parts.h"
@@ -13,6 +15,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <utility>
 
 namespace tarsier::sfm {
@@ -21,30 +24,21 @@ namespace {
 class JoinedMapping {
  public:
   JoinedMapping(const MapperInput& input, const MapperOptions& options, const MappedParts& mapped,
-                Progress& progress, const std::stop_token& stop)
-      : input_(input), options_(options), mapped_(mapped), progress_(progress), stop_(stop) {}
+                Progress& progress, const std::stop_token& stop, const MapperHooks& hooks)
+      : input_(input),
+        options_(options),
+        mapped_(mapped),
+        progress_(progress),
+        stop_(stop),
+        hooks_(hooks) {}
 
   Reconstruction run() {
     check();
-    made_.log = mapped_.log;
     made_.outcomes.resize(input_.images.size());
-    for (std::size_t i = 0; i < mapped_.reasons.size(); ++i)
-      made_.outcomes[i].reason = mapped_.reasons[i];
-    std::vector<Model> models;
-    for (const MappedPart& part : mapped_.parts) {
-      models.push_back(part.model);
-      made_.parts.push_back(part.name);
-    }
+    for (const MappedPart& part : mapped_.parts) made_.parts.push_back(part.name);
     progress_.begin("join", static_cast<std::int64_t>(input_.images.size()), "images");
-    JoinOptions join_options;
-    join_options.seed = options_.seed;
-    JoinedModels joined = join_models(models, made_.parts, join_options, options_, stop_);
-    models.clear();
-    made_.joins = std::move(joined.joins);
-    for (const auto& [image, reason] : joined.left_out) made_.outcomes[at(image)].reason = reason;
-    made_.log.insert(made_.log.end(), joined.log.begin(), joined.log.end());
     if (input_.pairs.empty()) {
-      made_.models = std::move(joined.models);
+      join();
       finish_without_pairs();
     } else {
       evidence_ = check_evidence(input_.cameras, input_.images, input_.pairs);
@@ -53,8 +47,14 @@ class JoinedMapping {
         if (evidence_[k].is_refused()) rejections_[k] = PairRejection::kMissingFeatures;
       for (const std::size_t k : mapped_.refused_pairs)
         if (!is_refused(rejections_[k])) rejections_[k] = PairRejection::kModelConflict;
-      for (std::size_t m = 0; m < joined.models.size(); ++m) grow_further(joined.models, m);
-      made_.models = std::move(joined.models);
+      if (is_resumable()) {
+        resume(*hooks_.resume_from);
+      } else {
+        join();
+        save_checkpoint();
+      }
+      while (at(grown_) < made_.models.size()) grow_further();
+      save_checkpoint();
       const std::size_t count = made_.models.size();
       add_outcomes(input_, options_, evidence_, rejections_, false,
                    std::vector<std::shared_ptr<const ModelConflicts>>(count), made_);
@@ -77,6 +77,78 @@ class JoinedMapping {
       TARSIER_REQUIRE(k < input_.pairs.size(), "pair {} of {}", k, input_.pairs.size());
   }
 
+  // Joins the parts.
+  void join() {
+    made_.log = mapped_.log;
+    for (std::size_t i = 0; i < mapped_.reasons.size(); ++i)
+      made_.outcomes[i].reason = mapped_.reasons[i];
+    std::vector<Model> models;
+    for (const MappedPart& part : mapped_.parts) models.push_back(part.model);
+    JoinOptions join_options;
+    join_options.seed = options_.seed;
+    JoinedModels joined = join_models(models, made_.parts, join_options, options_, stop_);
+    made_.joins = std::move(joined.joins);
+    for (const auto& [image, reason] : joined.left_out) made_.outcomes[at(image)].reason = reason;
+    made_.log.insert(made_.log.end(), joined.log.begin(), joined.log.end());
+    made_.models = std::move(joined.models);
+  }
+
+  // --- checkpoints ---
+
+  [[nodiscard]] bool is_resumable() const {
+    if (!hooks_.resume_from) return false;
+    const MapperState& state = *hooks_.resume_from;
+    const auto is_part = [&](int part) { return part >= 0 && at(part) < mapped_.parts.size(); };
+    return fits(state, input_.cameras, input_.images, input_.pairs.size()) &&
+           (!state.current || at(state.grown) < state.models.size()) &&
+           std::all_of(state.joins.begin(), state.joins.end(), [&](const ModelJoin& join) {
+             return is_part(join.first) && is_part(join.second);
+           });
+  }
+
+  void resume(const MapperState& state) {
+    made_.log = state.log;
+    made_.joins = state.joins;
+    for (std::size_t i = 0; i < made_.outcomes.size(); ++i)
+      made_.outcomes[i].reason = state.reasons[i];
+    for (const PackedModel& model : state.models)
+      made_.models.push_back(unpacked(model, input_.images));
+    grown_ = state.grown;
+    resumed_ = state.current;
+    if (resumed_) {
+      growth_.failed = {state.failed.begin(), state.failed.end()};
+      growth_.adjusted_at = state.adjusted_at;
+      growth_.stage = state.stage;
+      growth_.round = state.round;
+    }
+    for (const PackedModel& model : state.models)
+      made_.resumed += static_cast<int>(model.registered.size());
+  }
+
+  void save_checkpoint() {
+    if (hooks_.save_checkpoint) timer_.save([&] { hooks_.save_checkpoint(state()); });
+  }
+
+  [[nodiscard]] MapperState state() const {
+    MapperState state;
+    for (const Model& model : made_.models) state.models.push_back(packed(model));
+    state.log = made_.log;
+    for (const Outcome& outcome : made_.outcomes) state.reasons.push_back(outcome.reason);
+    state.rejections = rejections_;
+    state.joins = made_.joins;
+    state.grown = grown_;
+    state.done = at(grown_) == made_.models.size();
+    if (!mapper_) return state;
+    state.current = mapper_->state();
+    state.failed.assign(growth_.failed.begin(), growth_.failed.end());
+    state.adjusted_at = growth_.adjusted_at;
+    state.stage = growth_.stage;
+    state.round = growth_.round;
+    return state;
+  }
+
+  // --- growth ---
+
   // Images that another model has.
   [[nodiscard]] std::vector<bool> registered_elsewhere(const std::vector<Model>& models,
                                                        std::size_t model) const {
@@ -88,10 +160,40 @@ class JoinedMapping {
     return is_elsewhere;
   }
 
-  // Triangulates the model's points from all pairs, and grows it to its end.
-  void grow_further(std::vector<Model>& models, std::size_t m) {
-    const std::vector<bool> is_elsewhere = registered_elsewhere(models, m);
-    Model& model = models[m];
+  // Triangulates the next model's points from all pairs, and grows it to its end.
+  void grow_further() {
+    const std::vector<bool> is_elsewhere = registered_elsewhere(made_.models, at(grown_));
+    Model& model = made_.models[at(grown_)];
+    begin(model, is_elsewhere);
+    progress_.advance(mapper_->registered());
+    GrowthHooks hooks;
+    hooks.step = [&] {
+      if (input_.release_memory) input_.release_memory();
+      if (timer_.is_due(hooks_.save_interval_s)) save_checkpoint();
+    };
+    hooks.attempted = [&](int image, bool added, const std::string& why) {
+      if (added) made_.log.push_back(fmt::format("registered {}", input_.images[at(image)].name));
+      made_.outcomes[at(image)].reason = why;
+    };
+    hooks.warning = [&](std::string line) { made_.log.push_back(std::move(line)); };
+    try {
+      grow(*mapper_, is_elsewhere, growth_, hooks, stop_);
+    } catch (const Interrupted&) {
+      if (!growth_.between_states) save_checkpoint();
+      throw;
+    }
+    model = mapper_->finished(input_.colors);
+    if (const int left_out = keep_largest_part(model); left_out > 0)
+      made_.log.push_back(
+          fmt::format("{} images are removed from a joined model: they share too few points with "
+                      "two or more other images",
+                      left_out));
+    mapper_.reset();
+    ++grown_;
+  }
+
+  // Sets mapper_ and growth_ for a model, at its beginning or where a checkpoint was made.
+  void begin(const Model& model, const std::vector<bool>& is_elsewhere) {
     std::vector<char> has_features(input_.images.size());
     for (std::size_t i = 0; i < has_features.size(); ++i) has_features[i] = is_elsewhere[i] ? 0 : 1;
     Model start = model_with_features(input_.cameras, input_.images, has_features);
@@ -103,28 +205,17 @@ class JoinedMapping {
           !is_elsewhere[at(pair.first)] && !is_elsewhere[at(pair.second)])
         pairs.push_back(&pair);
     }
-    IncrementalMapper mapper(std::move(start), make_tracks(pairs, features), input_.descriptors,
-                             input_.kind, options_);
-    mapper.resume(model);
-    progress_.advance(mapper.registered());
-    Growth growth;
-    growth.adjusted_at = mapper.registered();
-    GrowthHooks hooks;
-    hooks.step = [&] {
-      if (input_.release_memory) input_.release_memory();
-    };
-    hooks.attempted = [&](int image, bool added, const std::string& why) {
-      if (added) made_.log.push_back(fmt::format("registered {}", input_.images[at(image)].name));
-      made_.outcomes[at(image)].reason = why;
-    };
-    hooks.warning = [&](std::string line) { made_.log.push_back(std::move(line)); };
-    grow(mapper, is_elsewhere, growth, hooks, stop_);
-    model = mapper.finished(input_.colors);
-    if (const int left_out = keep_largest_part(model); left_out > 0)
-      made_.log.push_back(
-          fmt::format("{} images are removed from a joined model: they share too few points with "
-                      "two or more other images",
-                      left_out));
+    mapper_.emplace(std::move(start), make_tracks(pairs, features), input_.descriptors, input_.kind,
+                    options_);
+    const std::optional<IncrementalMapperState> before = std::exchange(resumed_, std::nullopt);
+    if (before &&
+        before->model.points == static_cast<std::int64_t>(mapper_->model().points.size())) {
+      mapper_->restore(*before);
+      return;
+    }
+    mapper_->resume(model);
+    growth_ = {};
+    growth_.adjusted_at = mapper_->registered();
   }
 
   // For an input without pairs: only the models are known.
@@ -149,18 +240,24 @@ class JoinedMapping {
   const MappedParts& mapped_;
   Progress& progress_;
   const std::stop_token& stop_;
+  const MapperHooks& hooks_;
   Reconstruction made_;
   std::vector<PairEvidence> evidence_;
   std::vector<PairRejection> rejections_;
+  int grown_ = 0;                            // number of models that have grown to their end
+  std::optional<IncrementalMapper> mapper_;  // of the next one
+  Growth growth_;
+  std::optional<IncrementalMapperState> resumed_;  // the state of mapper_ in a checkpoint
+  CheckpointTimer timer_;
 };
 
 }  // namespace
 
 Reconstruction map_joined(const MapperInput& input, const MapperOptions& options,
                           const MappedParts& mapped, Progress& progress,
-                          const std::stop_token& stop) {
+                          const std::stop_token& stop, const MapperHooks& hooks) {
   options.check();
-  return JoinedMapping(input, options, mapped, progress, stop).run();
+  return JoinedMapping(input, options, mapped, progress, stop, hooks).run();
 }
 
 }  // namespace tarsier::sfm

@@ -28,10 +28,13 @@ struct MappedParts {
 // Joins the parts (join_models()). Where the input has pairs, each model then grows as one that
 // began globally: points are triangulated again from all pairs, images that no other model has are
 // registered, the whole is adjusted and its tracks are extended. The result states which parts were
-// joined and why others were not. Deterministic for any number of threads. Throws
-// std::invalid_argument for parts whose images differ from the input's, Interrupted.
+// joined and why others were not. Deterministic for any number of threads.
+//
+// Of `hooks`, checkpoints are used. Where the input has pairs, there is one after the parts are
+// joined, then as in reconstruct(). Throws std::invalid_argument for parts whose images differ from
+// the input's, Interrupted.
 [[nodiscard]] Reconstruction map_joined(const MapperInput& input, const MapperOptions& options,
                                         const MappedParts& mapped, Progress& progress,
-                                        const std::stop_token& stop);
+                                        const std::stop_token& stop, const MapperHooks& hooks = {});
 
 }  // namespace tarsier::sfm

@@ -7,6 +7,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/global/view_graph.h"
 #include "tarsier/sfm/mapper/all_pairs.h"
+#include "tarsier/sfm/mapper/checkpoint_timer.h"
 #include "tarsier/sfm/mapper/global_start.h"
 #include "tarsier/sfm/mapper/growth.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
@@ -577,9 +578,7 @@ class Mapping {
 
   void save_checkpoint_if_due() {
     show_if_due();
-    const double since = seconds_since(saved_at_);
-    if (since >= hooks_.save_interval_s && (hooks_.save_interval_s <= 0 || since >= 20 * saving_s_))
-      save_checkpoint();
+    if (timer_.is_due(hooks_.save_interval_s)) save_checkpoint();
   }
 
   // Whether an incremental model is growing, as opposed to a global start.
@@ -597,8 +596,10 @@ class Mapping {
   }
 
   void save_checkpoint() {
-    if (!hooks_.save_checkpoint) return;
-    const Clock::time_point start = Clock::now();
+    if (hooks_.save_checkpoint) timer_.save([&] { hooks_.save_checkpoint(state()); });
+  }
+
+  [[nodiscard]] MapperState state() const {
     MapperState state;
     for (const Model& model : result_.models) state.models.push_back(packed(model));
     if (open_loop_model_) state.models.push_back(packed(*open_loop_model_));
@@ -614,9 +615,7 @@ class Mapping {
     state.adjusted_at = growth_.adjusted_at;
     state.stage = growth_.stage;
     state.round = growth_.round;
-    hooks_.save_checkpoint(state);
-    saved_at_ = Clock::now();
-    saving_s_ = seconds_since(start);
+    return state;
   }
 
   void resume(const MapperState& state) {
@@ -631,24 +630,8 @@ class Mapping {
       result_.outcomes[i].reason = state.reasons[i];
     rejections_ = state.rejections;
     done_ = state.done;
-    for (const PackedModel& packed : state.models) {
-      Model model;
-      model.images.resize(input_.images.size());
-      for (std::size_t i = 0; i < input_.images.size(); ++i) {
-        model.images[i].name = input_.images[i].name;
-        model.images[i].camera = input_.images[i].camera;
-      }
-      for (const int image : packed.registered) {
-        model.images[at(image)] = input_.images[at(image)];
-        model.images[at(image)].points.assign(input_.images[at(image)].features.size(), -1);
-      }
-      model.points.resize(static_cast<std::size_t>(packed.points));
-      unpack(packed, model);
-      for (std::size_t p = 0; p < model.points.size(); ++p)
-        for (const Observation& seen : model.points[p].track)
-          model.images[at(seen.image)].points[at(seen.feature)] = static_cast<int>(p);
-      result_.models.push_back(std::move(model));
-    }
+    for (const PackedModel& packed : state.models)
+      result_.models.push_back(unpacked(packed, input_.images));
     if (state.has_open_loop_model) {
       open_loop_model_ = std::move(result_.models.back());
       result_.models.pop_back();
@@ -709,8 +692,7 @@ class Mapping {
   bool is_global_ = false;  // how the model of mapper_ began
   // State of a global start of a component, or its refusal.
   std::optional<GlobalStartState> global_start_;
-  Clock::time_point saved_at_ = Clock::now();
-  double saving_s_ = 0;
+  CheckpointTimer timer_;
   Clock::time_point shown_at_ = Clock::now();
   double showing_s_ = 0;
   bool was_shown_ = false;

@@ -607,25 +607,17 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
           ? ""
           : mapper_key(images, names, image_set, result.pairs, start_poses, options);
   std::optional<MapperState> last;  // state with the guessed lenses
-  const auto map = [&](Round round) {
+  // Hooks with checkpoints of this name; "": without.
+  const auto hooks_with = [&](const std::string& checkpoint) {
     MapperHooks mapping;
     mapping.watch = hooks.watch;
     mapping.show = hooks.show;
     mapping.partial = hooks.partial;
     mapping.save_interval_s = options.checkpoint_s;
-    const bool reevaluates = round == Round::kReevaluate;
-    std::string checkpoint = key;
-    if (round != Round::kFirst)
-      checkpoint += reevaluates ? Cache::kReevaluatedSuffix : Cache::kRemappedSuffix;
-    if (!key.empty() && !hooks.watch) mapping.resume_from = cache.checkpoint(checkpoint);
-    mapping.save_checkpoint = [&, checkpoint, reevaluates,
+    if (checkpoint.empty()) return mapping;
+    if (!hooks.watch) mapping.resume_from = cache.checkpoint(checkpoint);
+    mapping.save_checkpoint = [&cache, checkpoint,
                                warned = false](const MapperState& state) mutable {
-      if (image_set.has_guess() && !reevaluates) {
-        last = state;
-        last->patch_rejections.clear();
-        last->attempts.clear();  // with the previous lenses
-      }
-      if (key.empty()) return;
       // A full disk must not stop the mapping.
       try {
         cache.store(checkpoint, state);
@@ -633,6 +625,23 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
         if (!warned) log_warning("cannot write a checkpoint: {}", error.what());
         warned = true;
       }
+    };
+    return mapping;
+  };
+  const auto map = [&](Round round) {
+    const bool reevaluates = round == Round::kReevaluate;
+    std::string checkpoint = key;
+    if (!key.empty() && round != Round::kFirst)
+      checkpoint += reevaluates ? Cache::kReevaluatedSuffix : Cache::kRemappedSuffix;
+    MapperHooks mapping = hooks_with(checkpoint);
+    mapping.save_checkpoint = [&, reevaluates,
+                               store = mapping.save_checkpoint](const MapperState& state) {
+      if (image_set.has_guess() && !reevaluates) {
+        last = state;
+        last->patch_rejections.clear();
+        last->attempts.clear();  // with the previous lenses
+      }
+      if (store) store(state);
     };
     if (!reevaluates) return reconstruct(mapper_input, options.mapper, progress, stop, mapping);
     const auto known = static_cast<std::ptrdiff_t>(last->log.size());
@@ -643,9 +652,14 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     reevaluated.log.erase(reevaluated.log.begin(), reevaluated.log.begin() + known);
     return reevaluated;
   };
-  result.reconstruction = hooks.map
-                              ? hooks.map(mapper_input, options.mapper)
-                              : map_with_lenses(image_set, result.pairs, hooks.partial, stop, map);
+  if (hooks.map) {
+    const bool has_checkpoints = !key.empty() && !hooks.map_key.empty();
+    result.reconstruction = hooks.map(
+        mapper_input, options.mapper,
+        hooks_with(has_checkpoints ? cache_key(fmt::format("{} {}", key, hooks.map_key)) : ""));
+  } else {
+    result.reconstruction = map_with_lenses(image_set, result.pairs, hooks.partial, stop, map);
+  }
   result.reconstruction.log.insert(result.reconstruction.log.begin(), log.begin(), log.end());
   for (Model& model : result.reconstruction.models) turn_upright(model);
   // Skipped after an interruption, when the user waits for the result, and for given poses, which

@@ -140,7 +140,9 @@ struct PipelineHooks {
   std::function<void(MatchedImages&)> matched;
   // Makes the models instead of the mapper, e.g. from separately mapped parts (joined_mapper.h).
   // Its exceptions are passed on. May be empty.
-  std::function<Reconstruction(const MapperInput&, const MapperOptions&)> map;
+  std::function<Reconstruction(const MapperInput&, const MapperOptions&, const MapperHooks&)> map;
+  // All that `map` depends on besides its arguments; empty: it has no checkpoints.
+  std::string map_key;
   // Where mapping is stopped, return the models up to then (Reconstruction::interrupted).
   bool partial = false;
 };

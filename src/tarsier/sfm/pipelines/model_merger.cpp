@@ -80,7 +80,7 @@ ReconstructorResult merge_models(const std::vector<std::string>& folders,
   how.pipeline.fixed_camera = true;              // unless the models differ
   ReconstructorHooks mapping = hooks;
   mapping.matched = [&](MatchedImages& matched) { matched = images_of(models); };
-  mapping.map = [&](const MapperInput& input, const MapperOptions& mapper) {
+  mapping.map = [&](const MapperInput& input, const MapperOptions& mapper, const MapperHooks&) {
     // Uses the cameras of the models, each of which may be refined.
     const MapperInput known{.cameras = models.front().cameras,
                             .images = input.images,

@@ -7,6 +7,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/sfm/mapper/colmap_database.h"
 #include "tarsier/sfm/mapper/image_features.h"
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/exif.h"
@@ -120,13 +121,27 @@ std::vector<Input> with_camera_positions(std::vector<Input> inputs, const Positi
   return inputs;
 }
 
-Positions gps_positions(const std::vector<Input>& inputs, const std::stop_token& stop) {
+Positions gps_positions(const std::vector<Input>& inputs, const std::stop_token& stop,
+                        const std::string& database) {
+  std::map<std::string, ColmapPosePrior> priors;
+  if (!database.empty())
+    for (ColmapPosePrior& prior : read_colmap_pose_priors(database))
+      priors.emplace(prior.name, std::move(prior));
+  Positions cartesian;
   std::vector<std::string> names;
   std::vector<Eigen::Vector3d> positions;
   for (const Input& input : inputs) {
     throw_if_stopped(stop);
+    const auto prior = priors.find(input.name);
     try {
-      const auto gps = parse_exif(read_start(input.path, kExifBytes)).gps;
+      auto gps =
+          input.path.empty() ? std::nullopt : parse_exif(read_start(input.path, kExifBytes)).gps;
+      if (!gps && prior != priors.end()) {
+        if (prior->second.is_wgs84)
+          gps = prior->second.position;
+        else
+          cartesian[input.name] = prior->second.position;
+      }
       if (!gps) continue;
       names.push_back(input.name);
       positions.push_back(*gps);
@@ -134,6 +149,10 @@ Positions gps_positions(const std::vector<Input>& inputs, const std::stop_token&
       continue;  // it will be left out of the model with a warning
     }
   }
+  if (names.empty()) return cartesian;
+  if (!cartesian.empty())
+    log_warning("{}: {} cartesian pose priors are left out: other images have GPS positions",
+                database, cartesian.size());
   const std::vector<Eigen::Vector3d> metres = local_metres(positions);
   Positions known;
   for (std::size_t i = 0; i < names.size(); ++i) known[names[i]] = metres[i];
@@ -141,7 +160,8 @@ Positions gps_positions(const std::vector<Input>& inputs, const std::stop_token&
 }
 
 Positions positions_of(const PlacementOptions& options, const Positions& known,
-                       const std::vector<Input>& inputs, const std::stop_token& stop) {
+                       const std::vector<Input>& inputs, const std::stop_token& stop,
+                       const std::string& database) {
   if (options.distance) {
     for (const std::string& name : {options.distance->first, options.distance->second}) {
       if (std::none_of(inputs.begin(), inputs.end(),
@@ -154,7 +174,7 @@ Positions positions_of(const PlacementOptions& options, const Positions& known,
   }
   if (options.alignment == Alignment::kNone) return {};
   const bool gps = options.alignment == Alignment::kGps;
-  const Positions all = gps ? gps_positions(inputs, stop) : known;
+  const Positions all = gps ? gps_positions(inputs, stop, database) : known;
   Positions result;
   std::vector<Eigen::Vector3d> positions;
   for (const Input& input : inputs) {
@@ -165,8 +185,8 @@ Positions positions_of(const PlacementOptions& options, const Positions& known,
   }
   if (positions.size() < 3) {
     const std::string what =
-        gps ? fmt::format("{} of {} images have a position in EXIF", positions.size(),
-                          inputs.size())
+        gps ? fmt::format("{} of {} images have a position in EXIF{}", positions.size(),
+                          inputs.size(), database.empty() ? "" : " or in the database")
             : fmt::format("{} of {} names belong to images (the first image is '{}')",
                           positions.size(), all.size(),
                           inputs.empty() ? "" : printable(inputs.front().name));

@@ -25,7 +25,7 @@ using Positions = std::map<std::string, Eigen::Vector3d>;
 enum class Alignment {
   kNone,
   kPositions,  // to the positions of a file
-  kGps,        // to the positions in EXIF: metres, x east, y north, z up, origin at their mean
+  kGps,        // to gps_positions()
 };
 
 // The distance between the cameras of two images, in any unit. This becomes the model's unit.
@@ -60,24 +60,29 @@ struct Placement {
 // the parts that exist.
 [[nodiscard]] nlohmann::ordered_json to_json(const Placement& placement);
 
-// Positions from EXIF, for the images that have one. Images that cannot be read have none. Throws
-// Interrupted.
-[[nodiscard]] Positions gps_positions(const std::vector<Input>& inputs,
-                                      const std::stop_token& stop);
+// Positions from EXIF, for the images that have one: metres, x east, y north, z up, origin at their
+// mean. Images that cannot be read have none. Images without a position in EXIF have that of the
+// COLMAP database, if one is given (read_colmap_pose_priors()). Where all positions are cartesian,
+// the result has them as they are in the database. With others, cartesian positions are left out
+// with a warning. Throws Interrupted, InputError (database).
+[[nodiscard]] Positions gps_positions(const std::vector<Input>& inputs, const std::stop_token& stop,
+                                      const std::string& database = "");
 
 // Adds camera positions to the inputs where pairs are chosen by retrieval (pipeline.h). They come
 // from `known`, or from EXIF where `known` is empty. With any other choice of pairs, or where an
-// input already has a place, the inputs are returned unchanged. Throws Interrupted.
+// input already has a place, the inputs are returned unchanged: of a database, all pairs are used.
+// Throws Interrupted.
 [[nodiscard]] std::vector<Input> with_camera_positions(std::vector<Input> inputs,
                                                        const Positions& known,
                                                        const PipelineOptions& options,
                                                        const std::stop_token& stop);
 
-// The positions in `known` (kGps: in EXIF) that belong to the inputs. Throws at once what would
-// otherwise fail after all the work: InputError for positions that cannot place a model, UsageError
-// where an image of the known distance is not among the inputs.
+// The positions in `known` (kGps: gps_positions()) that belong to the inputs. Throws at once what
+// would otherwise fail after all the work: InputError for positions that cannot place a model,
+// UsageError where an image of the known distance is not among the inputs.
 [[nodiscard]] Positions positions_of(const PlacementOptions& options, const Positions& known,
-                                     const std::vector<Input>& inputs, const std::stop_token& stop);
+                                     const std::vector<Input>& inputs, const std::stop_token& stop,
+                                     const std::string& database = "");
 
 // Aligns the model with the positions (robust_similarity()), then scales it by the known distance
 // or by `markers`. `markers` is the result of marker_scale() and is required with options.markers.

@@ -3,7 +3,9 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/media/atomic_file.h"
+#include "tarsier/media/sqlite.h"
 #include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/mapper/colmap_database.h"
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/testing_model.h"
 
@@ -13,6 +15,7 @@
 #include <cstdint>
 #include <functional>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <stdexcept>
 #include <stop_token>
 #include <string>
@@ -254,6 +257,75 @@ TEST_F(Gps, PositionsAreInMetres) {
   std::stop_source stop;
   stop.request_stop();
   EXPECT_THROW((void)gps_positions(inputs, stop.get_token()), Interrupted);
+}
+
+// Writes a database with these pose priors, one for each image 0.jpg, 1.jpg ..
+void write_priors(const std::string& path, const std::vector<Eigen::Vector3d>& positions,
+                  int coordinate_system) {
+  ColmapDatabase database;
+  database.cameras = {{geometry::Camera{64, 48, 50, 50, 31.5, 23.5}, true}};
+  for (std::size_t i = 0; i < positions.size(); ++i)
+    database.images.push_back({std::to_string(i) + ".jpg", 0, {}});
+  write_colmap_database(path, database);
+  DatabaseKind kind;
+  kind.name = "database";
+  kind.application_id = 0;
+  kind.versions = {""};
+  kind.of_another_program = true;
+  Database file(path, kind, DatabaseAccess::kWrite);
+  file.run(
+      "CREATE TABLE pose_priors (image_id INTEGER PRIMARY KEY NOT NULL, position BLOB, "
+      "coordinate_system INTEGER NOT NULL, position_covariance BLOB)");
+  Statement row(file, "INSERT INTO pose_priors VALUES (?, ?, ?, NULL)");
+  for (std::size_t i = 0; i < positions.size(); ++i) {
+    row.bind(1, static_cast<std::int64_t>(i + 1))
+        .bind(2, std::span(reinterpret_cast<const std::uint8_t*>(positions[i].data()),
+                           3 * sizeof(double)))
+        .bind(3, std::int64_t{coordinate_system});
+    row.step();
+    row.reset();
+  }
+}
+
+TEST_F(Gps, PosePriorsOfADatabaseCompleteExif) {
+  // 0.jpg has EXIF, which the database contradicts; 1.jpg has a file without EXIF.
+  write_file_atomically(path("0.jpg"), jpeg_with_gps(47, 8));
+  write_file_atomically(path("1.jpg"), "\xFF\xD8 no EXIF");
+  const std::vector<Input> inputs{{"0.jpg", path("0.jpg")}, {"1.jpg", path("1.jpg")}};
+  const std::vector<Eigen::Vector3d> degrees{{10, 10, 0}, {47 + 1.0 / 60, 8, 0}, {47, 9, 5}};
+  write_priors(path("gps.db"), degrees, 0);
+  const Positions found = gps_positions(inputs, {}, path("gps.db"));
+  ASSERT_EQ(found.size(), 2U) << "of images that take part";
+  EXPECT_NEAR((found.at("1.jpg") - found.at("0.jpg"))[1], 1852, 5);
+
+  // Without image files, the database alone gives them.
+  const std::vector<Input> names{{"0.jpg", ""}, {"1.jpg", ""}, {"2.jpg", ""}};
+  EXPECT_TRUE(gps_positions(names, {}).empty());
+  const Positions all = gps_positions(names, {}, path("gps.db"));
+  ASSERT_EQ(all.size(), 3U);
+  PlacementOptions options;
+  options.alignment = Alignment::kGps;
+  EXPECT_EQ(positions_of(options, {}, names, {}, path("gps.db")), all);
+  EXPECT_NE(error_of([&] {
+              (void)positions_of(options, {}, inputs, {}, path("gps.db"));
+            }).find("2 of 2 images have a position in EXIF or in the database; three"),
+            std::string::npos);
+  EXPECT_THROW((void)gps_positions(names, {}, path("none.db")), InputError);
+}
+
+TEST_F(Gps, CartesianPosePriorsAreUsedAsTheyAre) {
+  const std::vector<Eigen::Vector3d> metres{{5e5, 5e6, 3}, {5e5 + 1, 5e6, 3}, {5e5, 5e6 + 2, 3}};
+  write_priors(path("cartesian.db"), metres, 1);
+  const std::vector<Input> names{{"0.jpg", ""}, {"1.jpg", ""}, {"2.jpg", ""}};
+  const Positions all = gps_positions(names, {}, path("cartesian.db"));
+  ASSERT_EQ(all.size(), 3U);
+  EXPECT_EQ(all.at("2.jpg"), metres[2]);
+  // They cannot be mixed with GPS.
+  write_file_atomically(path("0.jpg"), jpeg_with_gps(47, 8));
+  const Positions mixed =
+      gps_positions({{"0.jpg", path("0.jpg")}, {"1.jpg", ""}}, {}, path("cartesian.db"));
+  EXPECT_EQ(mixed.size(), 1U);
+  EXPECT_TRUE(mixed.contains("0.jpg"));
 }
 
 }  // namespace

@@ -267,7 +267,7 @@ int Plan::clusters() const {
 
 Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
                 const PipelineOptions& given, int shards, Progress& progress,
-                const std::stop_token& stop, int cluster_size) {
+                const std::stop_token& stop, int cluster_size, const Positions& known) {
   given.check();
   TARSIER_REQUIRE(shards >= 1 && shards <= kMaxShards, "shards {}: expected 1..{}", shards,
                   kMaxShards);
@@ -299,7 +299,7 @@ Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
   }
   progress.begin("plan", static_cast<std::int64_t>(inputs.size()), "images");
   OrderedJson images = OrderedJson::array();
-  for (const Input& input : with_camera_positions(inputs, {}, given, stop)) {
+  for (const Input& input : with_camera_positions(inputs, known, given, stop)) {
     throw_if_stopped(stop);
     const std::string file = path_from(folder, input.path);
     PlannedImage image{input.name, (fs::path(folder) / file).string(), "", input.position};

@@ -173,8 +173,10 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
   check_outputs();
   require_two_images(inputs, inputs.empty() ? "images" : inputs.front().path);
   check_inputs(inputs);
-  const PlacementContext context{inputs, positions_of(options_.placement, positions_, inputs, stop),
-                                 progress, stop};
+  const PlacementContext context{
+      inputs,
+      positions_of(options_.placement, positions_, inputs, stop, options_.pipeline.database),
+      progress, stop};
 
   PipelineHooks pipeline_hooks;
   pipeline_hooks.partial = true;
@@ -182,6 +184,7 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
   pipeline_hooks.show = hooks.show;
   pipeline_hooks.matched = hooks.matched;
   pipeline_hooks.map = hooks.map;
+  pipeline_hooks.map_key = hooks.map_key;
   if (options_.match_images) {
     const fs::path folder = fs::path(options_.folder) / "matches";
     make_folder(folder.string());
@@ -196,8 +199,10 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
     };
   }
   ReconstructorResult result;
-  result.pipeline = run_pipeline(with_camera_positions(inputs, positions_, options_.pipeline, stop),
-                                 options_.pipeline, progress, stop, pipeline_hooks);
+  // Other runs have chosen their pairs already.
+  result.pipeline = run_pipeline(
+      hooks.matched ? inputs : with_camera_positions(inputs, positions_, options_.pipeline, stop),
+      options_.pipeline, progress, stop, pipeline_hooks);
   result.pipeline.names_files = options_.names_files;
   write_models(result, context);
   if (hooks.on_models) hooks.on_models(result);

@@ -60,8 +60,9 @@ struct ReconstructorHooks {
   std::function<void(const Model&)> show;
   // Supplies features and matches that exist already (PipelineHooks::matched); may be empty.
   std::function<void(MatchedImages&)> matched;
-  // Replaces the mapper (PipelineHooks::map); may be empty.
-  std::function<Reconstruction(const MapperInput&, const MapperOptions&)> map;
+  // Replaces the mapper (PipelineHooks::map and map_key); may be empty.
+  std::function<Reconstruction(const MapperInput&, const MapperOptions&, const MapperHooks&)> map;
+  std::string map_key;
   // Called after the models and their views are written and before the slower further files; may be
   // empty.
   std::function<void(const ReconstructorResult&)> on_models;

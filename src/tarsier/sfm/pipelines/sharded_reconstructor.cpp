@@ -56,10 +56,10 @@ void describe(const ClusterModels& cluster, ShardReport& report) {
   report.models = static_cast<int>(cluster.models.size());
 }
 
-// Checksum of what the cluster models are made from: the pairs and all matches.
-std::string checksum_of_matches(const std::string& from, const std::vector<ShardInfo>& matches) {
+// Checksum of shards and of what they were made from.
+std::string checksum_of_shards(const std::string& from, const std::vector<ShardInfo>& shards) {
   std::vector<std::string> sums{from};
-  for (const ShardInfo& info : matches) sums.push_back(info.sha256);
+  for (const ShardInfo& info : shards) sums.push_back(info.sha256);
   return checksum_of(sums);
 }
 
@@ -596,7 +596,7 @@ ShardReport ShardedReconstructor::map_cluster(int cluster, const ReconstructorOp
   const ReadableImages readable(plan_, require_all(ShardStage::kFeatures, ""));
   const auto [pairs, from_pairs] = pairs_of(readable);
   const std::vector<ShardInfo> matches = require_all(ShardStage::kMatch, from_pairs);
-  const std::string from = checksum_of_matches(from_pairs, matches);
+  const std::string from = checksum_of_shards(from_pairs, matches);
   ShardReport report;
   if (is_done(ShardStage::kModel, cluster, from, report)) return report;
 
@@ -701,14 +701,16 @@ ReconstructorResult ShardedReconstructor::merge(const ReconstructorOptions& opti
   const auto [pairs, from] = pairs_of(readable);
   const std::vector<ShardInfo> matches = require_all(ShardStage::kMatch, from);
   const std::vector<ShardInfo> clusters =
-      require_all(ShardStage::kModel, checksum_of_matches(from, matches));
+      require_all(ShardStage::kModel, checksum_of_shards(from, matches));
   ReconstructorHooks mapping = hooks;
   mapping.matched = [&, &chosen = pairs](MatchedImages& matched) {
     load(matched, readable, chosen, matches, progress, stop);
   };
-  mapping.map = [&](const MapperInput& input, const MapperOptions& mapper) {
-    return map_joined(input, mapper, load_parts(clusters, input), progress, stop);
+  mapping.map = [&](const MapperInput& input, const MapperOptions& mapper,
+                    const MapperHooks& checkpoints) {
+    return map_joined(input, mapper, load_parts(clusters, input), progress, stop, checkpoints);
   };
+  mapping.map_key = checksum_of_shards("", clusters);
   return Reconstructor(planned(options)).run_images(plan_.inputs(), progress, stop, mapping);
 }
 

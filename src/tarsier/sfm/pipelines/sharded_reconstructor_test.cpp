@@ -9,6 +9,8 @@
 #include "tarsier/sfm/pipelines/model_merger.h"
 #include "tarsier/sfm/pipelines/shard_commands.h"
 #include "tarsier/sfm/pipelines/testing_relief.h"
+#include "tarsier/sfm/scene/colmap.h"
+#include "tarsier/sfm/scene/colmap_binary.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -18,6 +20,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -292,6 +295,104 @@ TEST_F(Sharded, ThePlanKeepsThePositionsOfImages) {
     write_file_atomically(path("work/plan.json"), json.dump());
     expect_error([&] { (void)read_plan(path("work")); }, "'place'");
   }
+}
+
+TEST_F(Sharded, GivenPositionsGuideRetrieval) {
+  const std::string name = inputs()[1].name;
+  options_.pairs = PairChoice::kRetrieval;
+  (void)write_plan(path("work"), inputs(), options_, 2, progress_, {}, 0, {{name, {1, 2, 3}}});
+  EXPECT_EQ(read_plan(path("work")).inputs()[1].position, Eigen::Vector3d(1, 2, 3));
+  options_.pairs = PairChoice::kExhaustive;  // they are not needed
+  (void)write_plan(path("work"), inputs(), options_, 2, progress_, {}, 0, {{name, {1, 2, 3}}});
+  EXPECT_FALSE(read_plan(path("work")).inputs()[1].position.has_value());
+}
+
+// Requests a stop when the n-th amount is reported within the stage "join".
+class StopInJoin final : public Progress {
+ public:
+  explicit StopInJoin(int n) : remaining_(n) {}
+  void begin(std::string_view stage, std::int64_t, std::string_view) override {
+    is_join_ = stage == "join";
+  }
+  void advance(std::int64_t) override {
+    if (is_join_ && --remaining_ == 0) stop_.request_stop();
+  }
+  void end() override { is_join_ = false; }
+  [[nodiscard]] std::stop_token stop() const { return stop_.get_token(); }
+
+ private:
+  int remaining_;
+  bool is_join_ = false;
+  std::stop_source stop_;
+};
+
+TEST_F(Sharded, AMergeResumesFromItsCheckpoint) {
+  plan(2, 4);
+  const ShardedReconstructor sharded(path("work"));
+  map_clusters(sharded);
+  (void)merge(sharded, "whole");
+  const auto expect_same = [&] {
+    for (const std::string file : {"cameras.txt", "images.txt", "points3D.txt"})
+      EXPECT_EQ(contents(path("model/" + file)), contents(path("whole/" + file))) << file;
+    const nlohmann::json whole = nlohmann::json::parse(contents(path("whole/report.json")));
+    const nlohmann::json model = nlohmann::json::parse(contents(path("model/report.json")));
+    for (const char* key : {"log", "joins", "parts", "models", "refused_pairs"})
+      EXPECT_EQ(model.value(key, nlohmann::json()), whole.value(key, nlohmann::json())) << key;
+  };
+  ReconstructorOptions options;
+  options.folder = path("model");
+  options.pipeline.checkpoint_s = 0;
+  StopInJoin progress(1);  // after the join, where the model begins to grow
+  EXPECT_THROW((void)sharded.merge(options, progress, progress.stop()), Interrupted);
+  EXPECT_FALSE(fs::exists(path("model/points3D.txt")));
+  const ReconstructorResult resumed = sharded.merge(options, progress_, {});
+  EXPECT_EQ(resumed.pipeline.resumed, kImages);
+  expect_same();
+  // From the state at the end; and without a damaged file.
+  EXPECT_EQ(sharded.merge(options, progress_, {}).pipeline.resumed, kImages);
+  expect_same();
+  for (const auto& entry : fs::directory_iterator(path("model/cache")))
+    write_file_atomically(entry.path().string(), "damaged");
+  EXPECT_EQ(sharded.merge(options, progress_, {}).pipeline.resumed, 0);
+  expect_same();
+}
+
+TEST_F(Sharded, AMergedModelIsPlaced) {
+  plan(2, 4);
+  const ShardedReconstructor sharded(path("work"));
+  map_clusters(sharded);
+  std::string positions;
+  for (int i = 0; i < kImages; ++i) {
+    const Eigen::Vector3d center = scene_->pose(i).center();
+    positions += fmt::format("{}.png,{},{},{}\n", i, center[0], center[1], center[2]);
+  }
+  write_file_atomically(path("positions.csv"), positions);
+  ReconstructorOptions options;
+  options.folder = path("model");
+  options.cache = false;
+  options.binary = options.database = options.undistorted = true;
+  options.placement.alignment = Alignment::kPositions;
+  options.placement.positions_file = path("positions.csv");
+  const ReconstructorResult result = sharded.merge(options, progress_, {});
+  EXPECT_EQ(result.placement_error, "");
+  ASSERT_TRUE(result.placement.aligned);
+  EXPECT_EQ(result.placement.aligned->images, kImages);
+  // The files have the placed model.
+  const Model text = read_colmap(path("model"));
+  const Model binary = read_colmap_binary(path("model"));
+  ASSERT_EQ(text.images.size(), static_cast<std::size_t>(kImages));
+  for (std::size_t i = 0; i < text.images.size(); ++i) {
+    const Eigen::Vector3d center = scene_->pose(static_cast<int>(i)).center();
+    EXPECT_LT((text.images[i].pose.center() - center).norm(), 0.1);
+    EXPECT_LT((binary.images[i].pose.center() - center).norm(), 0.1);
+  }
+  for (const char* name : {"model/database.db", "model/undistorted/images/0.png"})
+    EXPECT_TRUE(fs::exists(path(name))) << name;
+
+  options.placement = {};
+  options.placement.distance = KnownDistance{"0.png", "4.png", 7};
+  const Model scaled = sharded.merge(options, progress_, {}).models().at(0);
+  EXPECT_NEAR((scaled.images[0].pose.center() - scaled.images[4].pose.center()).norm(), 7, 1e-9);
 }
 
 TEST_F(Sharded, ClustersAreMappedSeparatelyAndMerged) {
