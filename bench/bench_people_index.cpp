@@ -20,6 +20,7 @@
 #include <cmath>
 #include <ctime>
 #include <limits>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
 namespace {

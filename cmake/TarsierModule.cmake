@@ -31,6 +31,9 @@ function(tarsier_module path)
   if(arg_SOURCES)
     target_link_libraries(${target} PRIVATE ${arg_PRIVATE_LIBS})
     tarsier_strict(${target})
+    if(arg_APP)
+      tarsier_quickly_compiled(${target})
+    endif()
     tarsier_precompiled(${target})
   endif()
   if(NOT arg_APP)
@@ -93,7 +96,8 @@ function(tarsier_strict target)
   endif()
 endfunction()
 
-# Tests are compiled more often than they run. Higher optimisation would take a third of the compile time.
+# Tests, verbs, windows and the server are not in inner loops: the library's modules are. Higher optimisation would take a
+# fifth (of tests a third) of their compile time.
 function(tarsier_quickly_compiled target)
   target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
 endfunction()
@@ -101,10 +105,14 @@ endfunction()
 # The headers that nearly all files include, compiled once: for libraries and programs, and with the test headers. They
 # hide a missing #include, so the preset dev does not use them. The sanitizer presets do not use them either: GCC raises
 # more false alarms in precompiled headers, and warnings are errors there.
+# nlohmann/json.hpp is not among them: it has an inline function (operator""_json) whose templates each file would
+# instantiate again, used or not, in 0.4 s. Headers include json_fwd.hpp where that suffices.
+# Of our own headers, those that instantiate large class templates are (std::variant of options, Eigen::Matrix).
 if(TARSIER_PCH)
-  set(headers <algorithm> <array> <chrono> <cmath> <filesystem> <functional> <limits> <map> <memory> <optional> <random>
-      <set> <span> <string> <string_view> <thread> <vector> <fmt/format.h> <nlohmann/json.hpp> <opencv2/core.hpp>
-      <opencv2/imgproc.hpp> <Eigen/Core>)
+  set(headers <algorithm> <array> <chrono> <cmath> <filesystem> <fstream> <functional> <limits> <map> <memory> <optional>
+      <random> <set> <span> <string> <string_view> <thread> <variant> <vector> <fmt/format.h> <opencv2/core.hpp>
+      <opencv2/imgproc.hpp> <Eigen/Core> ${PROJECT_SOURCE_DIR}/src/tarsier/core/option_fields.h
+      ${PROJECT_SOURCE_DIR}/src/tarsier/geometry/rigid3.h)
   # An existing file is not touched; otherwise each configuration would compile everything again.
   file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/pch.cpp CONTENT "")
   foreach(kind IN ITEMS code test)
@@ -113,8 +121,7 @@ if(TARSIER_PCH)
     endif()
     add_library(tarsier_pch_${kind} OBJECT ${PROJECT_BINARY_DIR}/pch.cpp)
     target_compile_features(tarsier_pch_${kind} PRIVATE cxx_std_20)
-    target_link_libraries(tarsier_pch_${kind} PRIVATE opencv_core fmt::fmt nlohmann_json::nlohmann_json Eigen3::Eigen
-                          Threads::Threads)
+    target_link_libraries(tarsier_pch_${kind} PRIVATE opencv_core fmt::fmt Eigen3::Eigen Threads::Threads)
     target_precompile_headers(tarsier_pch_${kind} PRIVATE ${headers})
     tarsier_strict(tarsier_pch_${kind})
     set_target_properties(tarsier_pch_${kind} PROPERTIES EXPORT_COMPILE_COMMANDS OFF)

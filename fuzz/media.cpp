@@ -15,6 +15,7 @@
 
 #include "fuzz.h"
 #include <algorithm>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::fuzz {
 

@@ -16,6 +16,7 @@
 #include "fuzz.h"
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <sstream>
 
 namespace tarsier::fuzz {

@@ -6,7 +6,7 @@
 #include "ui/controls.h"
 #include "ui/overlay.h"
 #include "ui/session.h"
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <utility>
 #include <vector>

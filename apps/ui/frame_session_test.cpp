@@ -6,6 +6,7 @@
 #include <opencv2/core.hpp>
 
 #include "ui/testing_plain.h"
+#include <nlohmann/json.hpp>
 
 namespace tarsier {
 namespace {

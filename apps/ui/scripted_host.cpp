@@ -8,6 +8,7 @@
 
 #include <chrono>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
 

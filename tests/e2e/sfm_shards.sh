@@ -286,7 +286,7 @@ expect_status 2
 printf 'none.jpg,0,0,0\n' >none.csv
 run sfm plan located "${retrieval[@]}" -o none --positions none.csv
 expect_status 3
-expect_error "no name is an image here"
+expect_error "no name belongs to an image"
 run sfm plan located "${retrieval[@]}" -o none --positions missing.csv
 expect_status 3
 

@@ -5,6 +5,7 @@
 
 #include "framework/bind.h"
 #include <algorithm>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 namespace tarsier::cli {

@@ -7,6 +7,7 @@
 
 #include "framework/bind.h"
 #include <filesystem>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
 

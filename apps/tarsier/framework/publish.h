@@ -6,7 +6,7 @@
 
 #include "framework/cli.h"
 #include <memory>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 

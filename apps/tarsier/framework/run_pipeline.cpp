@@ -2,6 +2,7 @@
 #include "framework/run_pipeline.h"
 
 #include "framework/cli.h"
+#include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
 

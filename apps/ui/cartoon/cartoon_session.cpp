@@ -15,6 +15,7 @@
 #include "ui/save_image.h"
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 namespace tarsier {

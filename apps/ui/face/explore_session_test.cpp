@@ -9,6 +9,7 @@
 
 #include "ui/testing_plain.h"
 #include <algorithm>
+#include <nlohmann/json.hpp>
 
 namespace tarsier {
 namespace {

@@ -12,6 +12,7 @@
 #include "ui/overlay.h"
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 namespace tarsier {

@@ -13,6 +13,7 @@
 #include "ui/overlay.h"
 #include <algorithm>
 #include <array>
+#include <nlohmann/json.hpp>
 
 namespace tarsier {
 namespace {

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
+#include <nlohmann/json.hpp>
 #include <optional>
 
 namespace tarsier {

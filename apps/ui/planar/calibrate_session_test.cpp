@@ -13,6 +13,7 @@
 #include "ui/scripted_host.h"
 #include "ui/testing_plain.h"
 #include <cstdlib>
+#include <nlohmann/json.hpp>
 #include <string>
 
 namespace tarsier {

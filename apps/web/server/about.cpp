@@ -13,6 +13,7 @@
 #include "workspace.h"
 #include <algorithm>
 #include <charconv>
+#include <nlohmann/json.hpp>
 #include <sys/utsname.h>
 #include <thread>
 #include <unistd.h>

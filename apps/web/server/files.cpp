@@ -14,6 +14,7 @@
 #include <charconv>
 #include <cstring>
 #include <fcntl.h>
+#include <nlohmann/json.hpp>
 #include <unistd.h>
 
 namespace tarsier::web {

@@ -9,6 +9,7 @@
 #include "router.h"
 #include <algorithm>
 #include <fcntl.h>
+#include <nlohmann/json.hpp>
 #include <sys/stat.h>
 #include <unistd.h>
 

@@ -10,6 +10,7 @@
 #include "secrets.h"
 #include "sign_in.h"
 #include <algorithm>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <utility>
 

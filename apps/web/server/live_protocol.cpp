@@ -6,6 +6,7 @@
 #include "router.h"
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <vector>
 
 namespace tarsier::web {

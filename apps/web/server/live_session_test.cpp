@@ -7,6 +7,7 @@
 #include "live.h"
 #include "live_stream.h"
 #include <array>
+#include <nlohmann/json.hpp>
 #include <sys/socket.h>
 #include <unistd.h>
 

@@ -5,6 +5,7 @@
 #include "http_server.h"
 #include <chrono>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::web {
 

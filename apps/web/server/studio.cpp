@@ -43,6 +43,7 @@
 #include <mutex>
 #include <net/if.h>
 #include <netinet/in.h>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <sys/file.h>
 #include <sys/socket.h>

@@ -5,6 +5,7 @@
 #include "audit_log.h"
 #include "jobs.h"
 #include "router.h"
+#include <nlohmann/json.hpp>
 
 namespace tarsier::web {
 

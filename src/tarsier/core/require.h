@@ -4,16 +4,12 @@
 #include <fmt/format.h>
 
 #include <source_location>
-#include <stdexcept>
 #include <string>
 
 namespace tarsier::detail {
 
-[[noreturn]] inline void fail_requirement(const char* expression, const std::string& message,
-                                          const std::source_location& where) {
-  throw std::invalid_argument(
-      fmt::format("{}: requires {}: {}", where.function_name(), expression, message));
-}
+[[noreturn]] void fail_requirement(const char* expression, const std::string& message,
+                                   const std::source_location& where);
 
 }  // namespace tarsier::detail
 

@@ -22,6 +22,22 @@ Eigen::Quaterniond normalized(const Eigen::Quaterniond& q) {
 
 }  // namespace
 
+Eigen::Vector3d Rigid3::operator*(const Eigen::Vector3d& x) const {
+  return rotation * x + translation;
+}
+
+Eigen::Matrix3Xd Rigid3::apply(const Eigen::Matrix3Xd& points) const {
+  return (rotation * points).colwise() + translation;
+}
+
+Rigid3 Rigid3::operator*(const Rigid3& other) const {
+  return {rotation * other.rotation, rotation * other.translation + translation};
+}
+
+Rigid3 Rigid3::inverse() const { return {rotation.transpose(), center()}; }
+
+Eigen::Vector3d Rigid3::center() const { return -(rotation.transpose() * translation); }
+
 void Rigid3::check() const {
   TARSIER_REQUIRE(is_rotation(rotation), "the rotation is not orthonormal");
   TARSIER_REQUIRE(translation.allFinite(), "the translation is not finite");

@@ -14,21 +14,15 @@ struct Rigid3 {
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();
 
-  [[nodiscard]] Eigen::Vector3d operator*(const Eigen::Vector3d& x) const {
-    return rotation * x + translation;
-  }
+  [[nodiscard]] Eigen::Vector3d operator*(const Eigen::Vector3d& x) const;
   // Applies the motion to each column, 3 x n.
-  [[nodiscard]] Eigen::Matrix3Xd apply(const Eigen::Matrix3Xd& points) const {
-    return (rotation * points).colwise() + translation;
-  }
+  [[nodiscard]] Eigen::Matrix3Xd apply(const Eigen::Matrix3Xd& points) const;
   // c_from_a = c_from_b * b_from_a.
-  [[nodiscard]] Rigid3 operator*(const Rigid3& other) const {
-    return {rotation * other.rotation, rotation * other.translation + translation};
-  }
+  [[nodiscard]] Rigid3 operator*(const Rigid3& other) const;
   // a_from_b.
-  [[nodiscard]] Rigid3 inverse() const { return {rotation.transpose(), center()}; }
+  [[nodiscard]] Rigid3 inverse() const;
   // The origin of b in a: for a camera pose, the camera's centre in the world.
-  [[nodiscard]] Eigen::Vector3d center() const { return -(rotation.transpose() * translation); }
+  [[nodiscard]] Eigen::Vector3d center() const;
   // Throws std::invalid_argument unless the rotation is orthonormal (to 1e-6) and right-handed and
   // all values are finite.
   void check() const;

@@ -22,6 +22,18 @@ bool has_rank_two(const Eigen::Matrix3d& covariance) {
 
 }  // namespace
 
+Eigen::Vector3d Sim3::operator*(const Eigen::Vector3d& x) const {
+  return scale * (rotation * x) + translation;
+}
+
+Sim3 Sim3::operator*(const Sim3& other) const {
+  return {scale * other.scale, rotation * other.rotation, *this * other.translation};
+}
+
+Sim3 Sim3::inverse() const {
+  return {1 / scale, rotation.transpose(), rotation.transpose() * translation / -scale};
+}
+
 void Sim3::check() const {
   TARSIER_REQUIRE(scale > 0 && std::isfinite(scale), "scale {}", scale);
   Rigid3{rotation, translation}.check();

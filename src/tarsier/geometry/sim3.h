@@ -17,17 +17,11 @@ struct Sim3 {
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();
 
-  [[nodiscard]] Eigen::Vector3d operator*(const Eigen::Vector3d& x) const {
-    return scale * (rotation * x) + translation;
-  }
+  [[nodiscard]] Eigen::Vector3d operator*(const Eigen::Vector3d& x) const;
   // c_from_a = c_from_b * b_from_a.
-  [[nodiscard]] Sim3 operator*(const Sim3& other) const {
-    return {scale * other.scale, rotation * other.rotation, *this * other.translation};
-  }
+  [[nodiscard]] Sim3 operator*(const Sim3& other) const;
   // a_from_b.
-  [[nodiscard]] Sim3 inverse() const {
-    return {1 / scale, rotation.transpose(), rotation.transpose() * translation / -scale};
-  }
+  [[nodiscard]] Sim3 inverse() const;
   // Throws std::invalid_argument unless scale > 0, the rotation is orthonormal (to 1e-6) and
   // right-handed and all values are finite.
   void check() const;

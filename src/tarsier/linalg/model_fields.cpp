@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/linalg/model_fields.h"
 
+#include <nlohmann/json.hpp>
+
 namespace tarsier::linalg {
 
 void ModelFields::number(const char* name, double& value, double low, double high) {

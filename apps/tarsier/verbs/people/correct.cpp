@@ -7,6 +7,7 @@
 #include "verbs/people/people.h"
 #include <charconv>
 #include <cstdint>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 

@@ -13,6 +13,7 @@
 #include "verbs/people/people.h"
 #include <algorithm>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
 namespace {

@@ -10,6 +10,7 @@
 #include "verbs/people/people.h"
 #include <cstdio>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <unistd.h>
 
 namespace tarsier::cli {

@@ -13,6 +13,7 @@
 #include "verbs/people/people.h"
 #include <algorithm>
 #include <cstdint>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 

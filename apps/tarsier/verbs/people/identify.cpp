@@ -13,6 +13,7 @@
 #include "verbs/people/recognition_events.h"
 #include "verbs/people/sightings.h"
 #include <chrono>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 

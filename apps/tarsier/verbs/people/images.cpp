@@ -12,6 +12,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
 namespace {

@@ -7,7 +7,7 @@
 #include <opencv2/core/mat.hpp>
 
 #include <cstdint>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <utility>
 #include <vector>

@@ -8,6 +8,7 @@
 #include "verbs/people/engine.h"
 #include "verbs/people/people.h"
 #include <cstdint>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
 namespace {

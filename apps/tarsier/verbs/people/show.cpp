@@ -12,6 +12,7 @@
 #include "verbs/people/people.h"
 #include <algorithm>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
 namespace {

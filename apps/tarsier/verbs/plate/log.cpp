@@ -17,6 +17,7 @@
 #include <fcntl.h>
 #include <limits>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <pwd.h>
 #include <span>

@@ -12,6 +12,7 @@
 #include "framework/security_flags.h"
 #include "ui/sfm/sfm_session.h"
 #include <chrono>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
 namespace {

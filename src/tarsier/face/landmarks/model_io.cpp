@@ -2,6 +2,8 @@
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/linalg/model_fields.h"
 
+#include <nlohmann/json.hpp>
+
 namespace tarsier::face::landmarks {
 
 namespace {

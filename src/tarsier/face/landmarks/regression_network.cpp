@@ -5,6 +5,8 @@
 #include "tarsier/face/landmarks/packing.h"
 #include "tarsier/face/shape/similarity.h"
 
+#include <nlohmann/json.hpp>
+
 namespace tarsier::face::landmarks {
 
 void RegressionNetwork::check() const {

@@ -464,7 +464,7 @@ TEST_F(GalleryTest, RejectsInvalidFiles) {
     Database(path("newer.db"), newer, DatabaseAccess::kCreate);
   }
   EXPECT_THAT(message_of([&] { Gallery(path("other.db")); }),
-              HasSubstr("no Tarsier people gallery"));
+              HasSubstr("not a Tarsier people gallery"));
   EXPECT_THAT(message_of([&] { Gallery(path("newer.db")); }), HasSubstr("version 4"));
   {
     Gallery holder(path("p.db"));

@@ -7,7 +7,7 @@
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 

@@ -8,7 +8,7 @@
 
 #include <opencv2/core/mat.hpp>
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <stop_token>
 #include <string>
 #include <string_view>

@@ -2,6 +2,7 @@
 #include "tarsier/plate/networks/reading_json.h"
 
 #include <cmath>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::plate {
 namespace {

@@ -3,7 +3,7 @@
 
 #include "tarsier/plate/text/reading.h"
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 
 namespace tarsier::plate {
 

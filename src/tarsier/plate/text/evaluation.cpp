@@ -13,6 +13,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdlib>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <tuple>
 

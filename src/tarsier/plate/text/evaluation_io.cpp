@@ -16,6 +16,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <istream>
+#include <nlohmann/json.hpp>
 #include <string_view>
 #include <system_error>
 

@@ -11,6 +11,7 @@
 
 #include <chrono>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::plate {
 namespace {

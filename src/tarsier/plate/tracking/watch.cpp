@@ -18,6 +18,7 @@
 #include <cmath>
 #include <cstddef>
 #include <ctime>
+#include <nlohmann/json.hpp>
 #include <sys/stat.h>
 #include <utility>
 

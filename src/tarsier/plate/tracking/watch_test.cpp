@@ -10,6 +10,7 @@
 
 #include <cstdlib>
 #include <ctime>
+#include <nlohmann/json.hpp>
 
 namespace tarsier::plate {
 namespace {

@@ -8,6 +8,7 @@
 #include "tarsier/sfm/global/view_graph.h"
 #include "tarsier/sfm/mapper/all_pairs.h"
 #include "tarsier/sfm/mapper/checkpoint_timer.h"
+#include "tarsier/sfm/mapper/contradicted_images.h"
 #include "tarsier/sfm/mapper/global_start.h"
 #include "tarsier/sfm/mapper/growth.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
@@ -115,6 +116,12 @@ class Mapping {
     if (input_.start && result_.models.empty()) set_no_model_reason();
     if (result_.interrupted && result_.models.empty()) throw Interrupted();
     return std::move(result_);
+  }
+
+  // Whether the scene has repeated structure: a model was rejected because of conflicts, or global
+  // mapping could not close its loops.
+  [[nodiscard]] bool is_repetitive() const {
+    return input_.is_repetitive || conflict_rounds_ > 0 || loop_stays_open_;
   }
 
  private:
@@ -563,12 +570,6 @@ class Mapping {
     return true;
   }
 
-  // Whether the scene has repeated structure: a model was rejected because of conflicts, or global
-  // mapping could not close its loops.
-  [[nodiscard]] bool is_repetitive() const {
-    return input_.is_repetitive || conflict_rounds_ > 0 || loop_stays_open_;
-  }
-
   void log_warnings() {
     if (!mapper_) return;
     for (std::string& line : mapper_->take_warnings()) result_.log.push_back(std::move(line));
@@ -722,9 +723,14 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   options.check();
   RemappingCheckpoint checkpoint(input, hooks);
   const MapperHooks first = checkpoint.first();
-  Reconstruction result = Mapping(input, options, progress, stop, first).run();
+  Mapping mapping(input, options, progress, stop, first);
+  Reconstruction result = mapping.run();
   // Reconstructions from given poses are not repeated without these.
-  if (result.interrupted || !result.has_conflicts || input.start) return result;
+  if (result.interrupted || input.start) return result;
+  if (!result.has_conflicts) {
+    if (mapping.is_repetitive()) remove_contradicted_images(input.pairs, result);
+    return result;
+  }
   const auto map = [&](const std::vector<Pair>& pairs) {
     const MapperInput among{.cameras = input.cameras,
                             .images = input.images,
@@ -756,7 +762,9 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   }
   // Only for scenes that repeat. Otherwise pairs may disagree for other reasons, e.g. an inexact
   // focal length.
-  return with_shape_trust(better_of(std::move(result), std::move(*second)));
+  Reconstruction better = better_of(std::move(result), std::move(*second));
+  remove_contradicted_images(input.pairs, better);
+  return with_shape_trust(std::move(better));
 }
 
 ExtendedModel extend_model(const Model& before, const MapperInput& input,

@@ -216,7 +216,8 @@ TEST_F(ColmapTest, ErrorsNameFileAndLine) {
   const auto cameras = [&](const std::string& from, const std::string& to) {
     return refusal("cameras.txt", from, to);
   };
-  EXPECT_THAT(cameras("2 PINHOLE", "7 PINHOLE"), HasSubstr("cameras.txt: line 5: camera 7 is"));
+  EXPECT_THAT(cameras("2 PINHOLE", "7 PINHOLE"),
+              HasSubstr("cameras.txt: line 5: camera 7 occurs twice"));
   EXPECT_THAT(cameras("2 PINHOLE", "2 FISHEYE"), HasSubstr("line 5: camera model 'FISHEYE'"));
   EXPECT_THAT(cameras("2 PINHOLE", "x PINHOLE"), HasSubstr("'x' is not the number of a camera"));
   EXPECT_THAT(cameras("640", "0"), HasSubstr("'0' is not a width"));
