@@ -36,6 +36,11 @@ wait_for() { # wait_for DESCRIPTION COMMAND..: until it succeeds
   local deadline=$((SECONDS + max_wait)) what=$1
   shift
   until "$@"; do
+    if [ -n "$program" ] && ended; then
+      "$@" && return
+      fail "$command_line: $what: the program ended; $(tail -1 stdout.txt) $(cat stderr.txt)"
+      return 1
+    fi
     [ $SECONDS -lt $deadline ] || { fail "$command_line: $what: not in time; $(tail -1 stdout.txt) $(cat stderr.txt)"; return 1; }
     sleep 0.05
   done

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/require.h"
 
-#include <stdexcept>
-
 namespace tarsier::detail {
 
 void fail_requirement(const char* expression, const std::string& message,

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <source_location>
+#include <stdexcept>
 #include <string>
 
 namespace tarsier::detail {

@@ -127,10 +127,6 @@ void remove_contradicted_images(const std::vector<Pair>& pairs, Reconstruction& 
                                 "of the {} verified matches with other images of the model",
                                 each.points, each.explained, each.inliers)};
     }
-    double sum = 0;
-    for (const Outcome& outcome : made.outcomes)
-      if (outcome.registered && outcome.model == static_cast<int>(m)) sum += outcome.trust;
-    made.trust[m] = sum / registered_images(made.models[m]);
     made.log.push_back(fmt::format(
         "{} of {} images are removed from a model: they observe few points, and most of their "
         "verified matches contradict their poses",

@@ -30,8 +30,9 @@ struct ContradictedImage {
 std::vector<ContradictedImage> remove_contradicted_images(const std::vector<Pair>& pairs,
                                                           Model& model);
 
-// The same for all models of a reconstruction from `pairs`. Sets the outcome of each removed image,
-// the trust of the models (the mean over their images) and their order, largest first.
+// The same for all models of a reconstruction from `pairs`. Sets the outcome of each removed image
+// and the order of the models, largest first. The trust of a model stays the mean over its images
+// before: a model with contradicted images is not more reliable without them.
 void remove_contradicted_images(const std::vector<Pair>& pairs, Reconstruction& made);
 
 }  // namespace tarsier::sfm

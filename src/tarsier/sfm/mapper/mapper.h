@@ -98,7 +98,8 @@ struct Reconstruction {
   std::vector<Model> models;
   std::vector<Outcome> outcomes;  // for each image
   std::vector<std::string> log;   // log lines: steps and warnings
-  // for each model: mean over its images; for scenes that repeat, times shape_trust()
+  // for each model: mean over its images; for scenes that repeat, times shape_trust() and with the
+  // removed images (contradicted_images.h)
   std::vector<double> trust;
   std::vector<ModelShape> shapes;  // for each model
   // For each model; empty: not computed.
