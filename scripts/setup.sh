@@ -53,7 +53,7 @@ die() {
 # Processor minutes of a first build without tests on an AMD EPYC of 2023, of what the tests add to it, of running them, and of
 # what `./test --all` adds.
 build_cpu_minutes=30
-test_build_cpu_minutes=20
+test_build_cpu_minutes=16
 test_cpu_minutes=16
 all_test_cpu_minutes=10
 
