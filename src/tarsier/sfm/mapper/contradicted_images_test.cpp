@@ -98,8 +98,9 @@ TEST(ContradictedImages, OutcomesAndOrderOfModelsFollow) {
   link_points(made.models[1]);
   made.outcomes.resize(kPrismImages);
   for (int i = 0; i < kPrismImages; ++i) {
-    if (i < 9) made.outcomes[at(i)] = {.registered = true, .model = 0, .trust = 0.5};
-    if (i >= 20 && i < 29) made.outcomes[at(i)] = {.registered = true, .model = 1, .trust = 0.9};
+    if (i < 9) made.outcomes[at(i)] = {.registered = true, .model = 0, .trust = 0.5, .reason = {}};
+    if (i >= 20 && i < 29)
+      made.outcomes[at(i)] = {.registered = true, .model = 1, .trust = 0.9, .reason = {}};
   }
   made.outcomes[kImage].trust = 0.1;
   made.trust = {0.4, 0.9};
