@@ -243,8 +243,9 @@ TEST_F(PeoplePanelTest, DrawsItselfAndHandlesClicks) {
       panel_->act(list);
       const cv::Mat before = image.clone();
       panel_->draw(image, area);
-      if (panel_->list() != List::kNone && area.width > 208)
+      if (panel_->list() != List::kNone && area.width > 208) {
         EXPECT_GT(cv::norm(image(area), before(area), cv::NORM_INF), 20) << list;
+      }
       EXPECT_EQ(cv::norm(image.colRange(0, area.x), before.colRange(0, area.x), cv::NORM_INF), 0);
       panel_->close();
     }
