@@ -5,6 +5,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/media/sqlite.h"
 #include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/mapper/testing_colmap_database.h"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -17,7 +18,7 @@
 namespace tarsier::sfm {
 namespace {
 
-using testing::HasSubstr;
+using ::testing::HasSubstr;
 
 ColmapDatabase drawn() {
   ColmapDatabase database;
@@ -90,12 +91,7 @@ TEST(ColmapDatabase, ReplacesExistingFile) {
 // Writes drawn() and changes it.
 void write_changed(const std::string& path, const std::string& statements) {
   write_colmap_database(path, drawn());
-  DatabaseKind kind;
-  kind.name = "database";
-  kind.application_id = 0;
-  kind.versions = {""};
-  kind.of_another_program = true;
-  Database file(path, kind, DatabaseAccess::kWrite);
+  Database file(path, testing::colmap_database_kind(), DatabaseAccess::kWrite);
   file.run("PRAGMA foreign_keys = OFF");
   file.run(statements);
 }

@@ -6,6 +6,7 @@
 #include "tarsier/media/sqlite.h"
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/sfm/mapper/colmap_database.h"
+#include "tarsier/sfm/mapper/testing_colmap_database.h"
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/testing_model.h"
 
@@ -267,12 +268,7 @@ void write_priors(const std::string& path, const std::vector<Eigen::Vector3d>& p
   for (std::size_t i = 0; i < positions.size(); ++i)
     database.images.push_back({std::to_string(i) + ".jpg", 0, {}});
   write_colmap_database(path, database);
-  DatabaseKind kind;
-  kind.name = "database";
-  kind.application_id = 0;
-  kind.versions = {""};
-  kind.of_another_program = true;
-  Database file(path, kind, DatabaseAccess::kWrite);
+  Database file(path, testing::colmap_database_kind(), DatabaseAccess::kWrite);
   file.run(
       "CREATE TABLE pose_priors (image_id INTEGER PRIMARY KEY NOT NULL, position BLOB, "
       "coordinate_system INTEGER NOT NULL, position_covariance BLOB)");
