@@ -243,7 +243,11 @@ class ApiTest(unittest.TestCase):
         for name in ("version", "machine", "workspace", "limits", "uptime_s", "tls"):
             self.assertIn(name, info)
         self.assertEqual(info["workspace"]["path"], self.server.workspace)
-        self.assertGreater(len(self.server.call("/api/help")[1]["verbs"]), 60)
+        verbs = self.server.call("/api/help")[1]
+        check(verbs, self.api["components"]["schemas"]["Help"], self.api["components"]["schemas"])
+        self.assertGreater(len(verbs["verbs"]), 60)
+        found = {verb["verb"]: verb["needs_output"] for verb in verbs["verbs"] if "needs_output" in verb}
+        self.assertEqual(found.get("landmarks show"), ["--output"])
         for count in ("0", "x", "9999"):
             self.assertEqual(self.server.call(f"/api/audit?count={count}")[0], 400)
 

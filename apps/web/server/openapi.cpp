@@ -14,7 +14,7 @@
 namespace tarsier::web {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 
 // The description of a route. `curl` follows "curl -sS --fail-with-body $AUTH". Its path uses
 // example names: the set holiday, the file photo.jpg, the job $JOB, the session $SESSION.
@@ -49,8 +49,7 @@ constexpr auto kRoutes = std::to_array<RouteText>({
     {"GET /metrics", "studio", "Metrics for Prometheus", "$TARSIER_URL/metrics", "", "text"},
     {"GET /api/info", "studio", "Version, machine, workspace, limits", "$TARSIER_URL/api/info", "",
      "object"},
-    {"GET /api/help", "studio", "All verbs with their flags", "$TARSIER_URL/api/help", "",
-     "object"},
+    {"GET /api/help", "studio", "All verbs with their flags", "$TARSIER_URL/api/help", "", "Help"},
     {"GET /api/openapi.json", "studio", "This description", "$TARSIER_URL/api/openapi.json", "",
      "object"},
     {"GET /api/audit", "studio", "Sign-ins, enrolments, deletions and exports, newest last",
@@ -149,17 +148,17 @@ bool is_interface(std::string_view pattern) {
   return pattern.starts_with("/api/") || pattern == "/metrics" || pattern == "/healthz";
 }
 
-Json reference(std::string_view schema) {
+OrderedJson reference(std::string_view schema) {
   if (schema == "object") return {{"type", "object"}};
   if (schema == "events") return {{"type", "array"}, {"items", {{"type", "object"}}}};
   return {{"$ref", fmt::format("#/components/schemas/{}", schema)}};
 }
 
-Json content_of(std::string_view schema) {
+OrderedJson content_of(std::string_view schema) {
   if (schema == "text") return {{"text/plain", {{"schema", {{"type", "string"}}}}}};
   if (schema == "binary" || schema == "image") {
     return {{schema == "image" ? "image/*" : "application/octet-stream",
-             Json{{"schema", Json::object()}}}};
+             OrderedJson{{"schema", OrderedJson::object()}}}};
   }
   if (schema == "form") {
     return {{"multipart/form-data",
@@ -172,15 +171,16 @@ Json content_of(std::string_view schema) {
   return {{"application/json", {{"schema", reference(schema)}}}};
 }
 
-Json samples(std::string_view curl, bool is_public = false) {
+OrderedJson samples(std::string_view curl, bool is_public = false) {
   const std::string_view key = is_public ? "" : "-H \"Authorization: Bearer $TARSIER_TOKEN\" ";
-  return Json::array({{{"lang", "Shell"},
-                       {"label", "curl"},
-                       {"source", fmt::format("curl -sS --fail-with-body {}{}", key, curl)}}});
+  return OrderedJson::array(
+      {{{"lang", "Shell"},
+        {"label", "curl"},
+        {"source", fmt::format("curl -sS --fail-with-body {}{}", key, curl)}}});
 }
 
-Json path_parameters(std::string_view path) {
-  Json parameters = Json::array();
+OrderedJson path_parameters(std::string_view path) {
+  OrderedJson parameters = OrderedJson::array();
   for (std::size_t at = path.find('{'); at != std::string_view::npos; at = path.find('{', at + 1)) {
     const std::size_t end = path.find('}', at);
     parameters.push_back({{"name", path.substr(at + 1, end - at - 1)},
@@ -191,7 +191,7 @@ Json path_parameters(std::string_view path) {
   return parameters;
 }
 
-void add_errors(Json& responses) {
+void add_errors(OrderedJson& responses) {
   for (const char* status : {"400", "401", "404"}) {
     responses[status] = {{"$ref", "#/components/responses/Error"}};
   }
@@ -199,26 +199,26 @@ void add_errors(Json& responses) {
 
 // ---- Schemas
 
-Json number() { return {{"type", "number"}}; }
-Json text() { return {{"type", "string"}}; }
-Json numbers(int count) {
-  Json list = {{"type", "array"}, {"items", number()}};
+OrderedJson number() { return {{"type", "number"}}; }
+OrderedJson text() { return {{"type", "string"}}; }
+OrderedJson numbers(int count) {
+  OrderedJson list = {{"type", "array"}, {"items", number()}};
   if (count > 0) list["minItems"] = list["maxItems"] = count;
   return list;
 }
-Json points(int count = 0) {
-  Json list = {{"type", "array"}, {"items", numbers(2)}};
+OrderedJson points(int count = 0) {
+  OrderedJson list = {{"type", "array"}, {"items", numbers(2)}};
   if (count > 0) list["minItems"] = list["maxItems"] = count;
   return list;
 }
-Json list_of(Json items) { return {{"type", "array"}, {"items", std::move(items)}}; }
-Json object_of(Json properties, std::vector<std::string> required = {}) {
-  Json object = {{"type", "object"}, {"properties", std::move(properties)}};
+OrderedJson list_of(OrderedJson items) { return {{"type", "array"}, {"items", std::move(items)}}; }
+OrderedJson object_of(OrderedJson properties, std::vector<std::string> required = {}) {
+  OrderedJson object = {{"type", "object"}, {"properties", std::move(properties)}};
   if (!required.empty()) object["required"] = required;
   return object;
 }
 // A line of a verb's output, about an image or a frame.
-Json line_of(const char* what, Json item) {
+OrderedJson line_of(const char* what, OrderedJson item) {
   return object_of({{"image", text()},
                     {"frame", {{"type", "integer"}}},
                     {"time", number()},
@@ -227,8 +227,8 @@ Json line_of(const char* what, Json item) {
                    {what});
 }
 
-Json face(bool has_pose) {
-  Json properties = {{"box", numbers(4)}, {"points", points()}, {"score", number()}};
+OrderedJson face(bool has_pose) {
+  OrderedJson properties = {{"box", numbers(4)}, {"points", points()}, {"score", number()}};
   if (has_pose) {
     properties["rotation"] = numbers(9);
     properties["translation"] = numbers(3);
@@ -241,8 +241,8 @@ Json face(bool has_pose) {
   return object_of(std::move(properties));
 }
 
-Json schemas() {
-  Json all;
+OrderedJson schemas() {
+  OrderedJson all;
   all["Error"] = object_of({{"error", text()}}, {"error"});
   all["File"] = object_of({{"name", text()},
                            {"bytes", {{"type", "integer"}}},
@@ -254,6 +254,23 @@ Json schemas() {
   all["Set"] = object_of(
       {{"name", text()}, {"files", {{"type", "integer"}}}, {"bytes", {{"type", "integer"}}}},
       {"name"});
+  all["Help"] = object_of(
+      {{"program", text()},
+       {"version", text()},
+       {"verbs",
+        list_of(object_of(
+            {{"verb", text()},
+             {"path", list_of(text())},
+             {"inputs", list_of({{"type", "object"}})},
+             {"flags", list_of({{"type", "object"}})},
+             {"needs_output",
+              {{"type", "array"},
+               {"items", text()},
+               {"description",
+                "the verb opens a window unless it writes a file: a run or a job must have one of "
+                "these flags; if the list is empty, the verb works only in a live session"}}}},
+            {"verb", "path", "inputs", "flags"}))}},
+      {"verbs"});
   all["Start"] = object_of(
       {{"verb", {{"type", "string"}, {"examples", {"plate read"}}}},
        {"inputs",
@@ -343,9 +360,9 @@ std::string_view schema_of(std::string_view verb) {
 
 // ---- Verbs
 
-Json flag_schema(const nlohmann::json& flag) {
+OrderedJson flag_schema(const nlohmann::json& flag) {
   const std::string type = flag.at("type");
-  Json schema = {{"type", type == "switch" ? "boolean" : type == "text" ? "string" : type}};
+  OrderedJson schema = {{"type", type == "switch" ? "boolean" : type == "text" ? "string" : type}};
   if (!flag.at("choices").empty()) schema["enum"] = flag.at("choices");
   if (const nlohmann::json& range = flag.at("range"); range.is_object()) {
     const bool above = range.value("min_excluded", false);
@@ -382,11 +399,11 @@ std::string_view example_body(std::string_view verb) {
   return "-X POST -H 'Content-Type: image/jpeg' --data-binary @photo.jpg";
 }
 
-void add_verb(Json& paths, const nlohmann::json& verb) {
+void add_verb(OrderedJson& paths, const nlohmann::json& verb) {
   const std::string name = verb.at("verb");
   std::string path = "/api/v1";
   for (const auto& word : verb.at("path")) path += '/' + word.get<std::string>();
-  Json parameters = Json::array();
+  OrderedJson parameters = OrderedJson::array();
   for (const auto& input : verb.at("inputs")) {
     const std::string word = input.at("names").front();
     if (input_kind(name, word) != InputKind::kFreeText) continue;
@@ -409,21 +426,21 @@ void add_verb(Json& paths, const nlohmann::json& verb) {
                           {"description", flag.at("help")},
                           {"schema", flag_schema(flag)}});
   }
-  Json responses;
+  OrderedJson responses;
   responses["200"] = {{"description", "the verb's object; of several images {\"lines\": [..]}"},
                       {"content", content_of(schema_of(name))}};
   const nlohmann::json* output = VerbTable::find_flag(verb, "--output");
   const bool draws =
       output != nullptr && output->at("help").get<std::string>().starts_with("image");
   if (draws) {
-    responses["200"]["content"]["image/png"] = {{"schema", Json::object()}};
-    responses["200"]["content"]["image/jpeg"] = {{"schema", Json::object()}};
+    responses["200"]["content"]["image/png"] = {{"schema", OrderedJson::object()}};
+    responses["200"]["content"]["image/jpeg"] = {{"schema", OrderedJson::object()}};
   }
   add_errors(responses);
   for (const char* status : {"415", "422", "429", "504"})
     responses[status] = {{"$ref", "#/components/responses/Error"}};
   const std::string address = fmt::format("\"$TARSIER_URL{}{}\"", path, example_query(name));
-  Json code = samples(fmt::format("{} {}", example_body(name), address));
+  OrderedJson code = samples(fmt::format("{} {}", example_body(name), address));
   if (draws) {
     code.push_back(samples(
         fmt::format("{} -H 'Accept: image/png' -o drawn.png {}", example_body(name), address))[0]);
@@ -435,13 +452,13 @@ void add_verb(Json& paths, const nlohmann::json& verb) {
                          {"requestBody",
                           {{"required", true},
                            {"content",
-                            {{"image/*", {{"schema", Json::object()}}},
+                            {{"image/*", {{"schema", OrderedJson::object()}}},
                              {"multipart/form-data", {{"schema", {{"type", "object"}}}}}}}}},
                          {"responses", std::move(responses)},
                          {"x-codeSamples", std::move(code)}};
 }
 
-void add_route(Json& paths, const Router::Route& route) {
+void add_route(OrderedJson& paths, const Router::Route& route) {
   const RouteText* row = find_text(route.method, route.pattern);
   if (row == nullptr) return;
   const std::string path = openapi_path(route.pattern);
@@ -449,19 +466,19 @@ void add_route(Json& paths, const Router::Route& route) {
   std::transform(method.begin(), method.end(), method.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   const std::string status = std::to_string(row->status);
-  Json responses;
+  OrderedJson responses;
   responses[status] = {{"description", row->answer.empty() ? "done" : "the response"}};
   if (!row->answer.empty()) responses[status]["content"] = content_of(row->answer);
   add_errors(responses);
-  Json operation = {{"tags", {row->tag}},
-                    {"operationId", row->route},
-                    {"summary", row->summary},
-                    {"parameters", path_parameters(path)}};
+  OrderedJson operation = {{"tags", {row->tag}},
+                           {"operationId", row->route},
+                           {"summary", row->summary},
+                           {"parameters", path_parameters(path)}};
   if (!row->body.empty())
     operation["requestBody"] = {{"required", true}, {"content", content_of(row->body)}};
   operation["responses"] = std::move(responses);
   operation["x-codeSamples"] = samples(row->curl, route.access == Access::kPublic);
-  if (route.access == Access::kPublic) operation["security"] = Json::array();
+  if (route.access == Access::kPublic) operation["security"] = OrderedJson::array();
   paths[path][method] = std::move(operation);
 }
 
@@ -469,12 +486,12 @@ void add_route(Json& paths, const Router::Route& route) {
 
 nlohmann::json openapi_json(const VerbTable& verbs, const Router& router,
                             std::string_view version) {
-  Json paths = Json::object();
+  OrderedJson paths = OrderedJson::object();
   for (const Router::Route* route : router.routes()) add_route(paths, *route);
   for (const std::string& name : image_verbs()) {
     if (const nlohmann::json* verb = verbs.find(name)) add_verb(paths, *verb);
   }
-  const Json document = {
+  const OrderedJson document = {
       {"openapi", "3.1.0"},
       {"info",
        {{"title", "Tarsier studio"},
@@ -483,8 +500,9 @@ nlohmann::json openapi_json(const VerbTable& verbs, const Router& router,
         {"description",
          "Before the examples: export TARSIER_URL=http://127.0.0.1:8765 "
          "TARSIER_TOKEN=$(cat ~/.local/share/tarsier/.studio/api-token)"}}},
-      {"servers", Json::array({{{"url", "/"}}})},
-      {"security", Json::array({{{"token", Json::array()}}, {{"cookie", Json::array()}}})},
+      {"servers", OrderedJson::array({{{"url", "/"}}})},
+      {"security",
+       OrderedJson::array({{{"token", OrderedJson::array()}}, {{"cookie", OrderedJson::array()}}})},
       {"paths", std::move(paths)},
       {"components",
        {{"securitySchemes",

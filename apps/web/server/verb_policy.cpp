@@ -317,13 +317,11 @@ class Builder {
 
   // Refuses a run or a job that would open a window.
   void check_output() const {
-    const auto row =
-        std::find_if(kWindowVerbs.begin(), kWindowVerbs.end(),
-                     [&](const WindowVerb& verb) { return verb.verb == request_.verb; });
-    if (row == kWindowVerbs.end()) return;
+    const auto flags = verb_.find("needs_output");
+    if (flags == verb_.end()) return;
     std::string names;
-    for (const std::string_view flag : row->outputs) {
-      if (flag.empty()) continue;
+    for (const Json& item : *flags) {
+      const std::string flag = item;
       if (has(flag)) return;
       names += fmt::format("{}{}", names.empty() ? "" : " or ", flag);
     }
@@ -432,11 +430,21 @@ InputKind input_kind(std::string_view verb, std::string_view input) {
   return is_among(kFileInputs, input) ? InputKind::kFile : InputKind::kUnknown;
 }
 
-VerbTable::VerbTable(const std::string& help_json) : text_(help_json) {
+VerbTable::VerbTable(const std::string& help_json) {
   help_ = Json::parse(help_json, nullptr, false);
   if (!help_.is_object() || !help_.contains("verbs") || !help_["verbs"].is_array()) {
     throw InputError("tarsier help --json", "did not return the expected object");
   }
+  for (Json& entry : help_["verbs"]) {
+    for (const WindowVerb& row : kWindowVerbs) {
+      if (entry.at("verb").get_ref<const std::string&>() != row.verb) continue;
+      Json& flags = entry["needs_output"] = Json::array();
+      for (const std::string_view flag : row.outputs) {
+        if (!flag.empty()) flags.push_back(flag);
+      }
+    }
+  }
+  text_ = help_.dump();
 }
 
 const Json* VerbTable::find(std::string_view verb) const {

@@ -45,7 +45,9 @@ enum class Use {
   kRun,  // a quick request; otherwise as a job
 };
 
-// The object of `tarsier help --json`, indexed.
+// The object of `tarsier help --json`. Each verb that opens a window unless it writes a file has
+// the additional field `needs_output`: the flags of which a run or a job must have one. If that
+// list is empty, the verb works only in a window.
 class VerbTable {
  public:
   VerbTable() = default;
@@ -57,6 +59,7 @@ class VerbTable {
   [[nodiscard]] static const nlohmann::json* find_flag(const nlohmann::json& verb,
                                                        std::string_view name);
   [[nodiscard]] const nlohmann::json& json() const { return help_; }
+  // json() as text, for GET /api/help.
   [[nodiscard]] const std::string& text() const { return text_; }
 
  private:

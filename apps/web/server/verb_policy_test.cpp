@@ -216,6 +216,21 @@ TEST(VerbPolicy, KnowsHowEachVerbOpensNoWindow) {
   }
 }
 
+// A page learns from the text of /api/help which verbs need an output.
+TEST(VerbPolicy, DescribesVerbsThatNeedAnOutput) {
+  const Json help = Json::parse(real_verbs().text());
+  EXPECT_EQ(help, real_verbs().json());
+  Json found = Json::object();
+  for (const Json& verb : help["verbs"]) {
+    if (verb.contains("needs_output")) {
+      found[verb["verb"].get<std::string>()] = verb["needs_output"];
+    }
+  }
+  EXPECT_EQ(found, Json({{"aam explore", {"--output", "--grid"}},
+                         {"landmarks annotate", Json::array()},
+                         {"landmarks show", Json::array({"--output"})}}));
+}
+
 TEST(VerbPolicy, AcceptsOnlyReferences) {
   for (const char* input : {"/etc/passwd", "../x", "http://host/a.jpg", "rtsp://host/", "@list.txt",
                             "*.jpg", "0", "/dev/video0", "picam:", "file:///etc/passwd", "a.jpg",

@@ -412,7 +412,8 @@ inline constexpr auto kFlagExceptions = std::to_array<FlagException>({
 });
 
 // Verbs that open a window unless a file is asked for, and that have no other value without a
-// window (headless_value). A run or a job has no window, so it needs one of `outputs`.
+// window (headless_value). A run or a job has no window, so it needs one of `outputs`. VerbTable
+// adds them to the description of the verb, which pages read, too.
 struct WindowVerb {
   std::string_view verb;
   std::array<std::string_view, 2> outputs;  // "": none; the verb works only in a window

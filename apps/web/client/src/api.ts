@@ -59,6 +59,9 @@ export interface VerbHelp {
   example: string;
   inputs: FlagHelp[];
   flags: FlagHelp[];
+  // If the verb opens a window unless it writes a file: the flags of which a run or a job must have one. The
+  // list is empty if the verb works only in a window.
+  needs_output?: string[];
 }
 
 export interface Help {

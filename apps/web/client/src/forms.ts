@@ -52,10 +52,6 @@ export const HIDDEN_FLAGS = new Set([
   '--on-event-timeout',
 ]);
 
-// Verbs that open a window unless they write a file (kWindowVerbs in apps/web/server/verb_tables.h). The server
-// refuses them as a run or a job without an output.
-const WINDOW_VERBS = new Set(['aam explore', 'landmarks show']);
-
 // "--min-face": "Min face".
 export function labelOf(name: string): string {
   const words = name.replace(/^--/, '').replaceAll('-', ' ');
@@ -107,7 +103,7 @@ export interface FormOptions {
 // The field of --output, required; undefined if a run of the verb needs none.
 function outputField(verb: VerbHelp): Field | undefined {
   const flag = verb.flags.find((one) => one.names.includes('--output'));
-  if (!flag || !(flag.required || WINDOW_VERBS.has(verb.verb))) return undefined;
+  if (!flag || !(flag.required || verb.needs_output?.includes('--output'))) return undefined;
   return { ...fieldOf(flag), required: true, help: `${flag.help}; give out:NAME` };
 }
 

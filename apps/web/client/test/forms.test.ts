@@ -105,21 +105,24 @@ test('groups keep their order and omit flags that a browser cannot use', () => {
 });
 
 test('a run that needs an output has a required field for it', () => {
-  const isRequired = (verb: string, output: FlagHelp, options = { output: true }) => {
-    const fields = formGroups({ ...VERB, verb, flags: [output, MODE] }, options).flatMap((one) => one.fields);
+  const isRequired = (more: Partial<VerbHelp>, options = { output: true }) => {
+    const fields = formGroups({ ...VERB, flags: [OUTPUT, MODE], ...more }, options).flatMap(
+      (one) => one.fields,
+    );
     return fields.find((field) => field.name === '--output')?.required;
   };
-  assert.equal(isRequired('landmarks show', OUTPUT), true, 'it would open a window');
-  assert.equal(isRequired('aam explore', OUTPUT), true);
-  assert.equal(isRequired('sfm synth', flag('--output', { required: true })), true);
-  assert.equal(isRequired('cartoon run', OUTPUT), undefined);
+  assert.equal(isRequired({ needs_output: ['--output'] }), true, 'it would open a window');
+  assert.equal(isRequired({ needs_output: ['--output', '--grid'] }), true);
+  assert.equal(isRequired({ needs_output: [] }), undefined, 'it works only in a window');
+  assert.equal(isRequired({ flags: [flag('--output', { required: true })] }), true);
+  assert.equal(isRequired({}), undefined);
   assert.equal(
-    isRequired('landmarks show', OUTPUT, { output: false }),
+    isRequired({ needs_output: ['--output'] }, { output: false }),
     undefined,
     'live: the page is its window',
   );
 
-  const groups = formGroups({ ...VERB, verb: 'landmarks show' }, { output: true });
+  const groups = formGroups({ ...VERB, needs_output: ['--output'] }, { output: true });
   const output = groups[0]!.fields[0]!;
   assert.equal(output.name, '--output');
   assert.match(problemOf(output, ''), /Output is required/);
