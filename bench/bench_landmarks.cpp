@@ -19,7 +19,8 @@ namespace tarsier::cli {
 // Fits on one thread. Tracking is of a still face in an image of 640x480, including searches.
 ExitStatus bench_landmarks(Context& context, const BenchOptions& options) {
   cv::setNumThreads(1);
-  const face::LandmarkTracker tracker = load_landmark_tracker({});
+  const LandmarkFlags flags;
+  const face::LandmarkTracker tracker = load_landmark_tracker(flags);
   const face::landmarks::LandmarkModel& full_model = tracker.model();
   face::landmarks::FaceFinder finder = tracker.detector().make_finder();
   const std::string path =

@@ -197,7 +197,7 @@ void landmark_models() {
   options.shape.max_modes = 2;
   face::appearance::write_appearance_model(
       seed("appearance_model", "grid.json"),
-      face::appearance::train_appearance_model(face::appearance::testing::portraits(4, 1), {},
+      face::appearance::train_appearance_model(face::appearance::test_support::portraits(4, 1), {},
                                                options, quiet, kNeverStop),
       kNothing);
   face::head::write_head_model(seed("head_model", "formulas.json"), face::head::testing_head(2),

@@ -47,8 +47,8 @@ void shards() {
   write_image(seed("sfm_plan", "b.png"), texture({48, 64}));
   const std::vector<sfm::Input> inputs = {{"a.png", seed("sfm_plan", "a.png")},
                                           {"b.png", seed("sfm_plan", "b.png")}};
-  NoProgress quiet;
-  (void)sfm::write_plan(folder, inputs, options, 2, quiet, {});
+  NoProgress progress;
+  (void)sfm::write_plan(folder, inputs, options, 2, progress, {});
   for (const sfm::Input& input : inputs) fs::remove(input.path);
   fs::rename(folder + "/plan.json", seed("sfm_plan", "two.json"));
 

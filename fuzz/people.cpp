@@ -23,7 +23,7 @@ namespace tarsier::fuzz {
 using namespace tarsier::face::recognition;
 
 TARSIER_FUZZ_TARGET(recognizer, kJson) {
-  const Recognizer model = read_recognizer(file_of(input, "model.json"));
+  const face::recognition::Recognizer model = read_recognizer(file_of(input, "model.json"));
   model.check();
   if (model.templates.size() > 1'000'000) return;
   if (model.options.algorithm == Algorithm::kDeep) return;  // its network is not in the file

@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: MIT
 """scripts/build-times.py [BUILD] [--top N] [--limit PERCENT]
 
-The processor time of each compiled file of a build with tests (cmake/compile-time.sh measures it), by folder, and the N slowest
+The processor time of each compiled file (several sources, in a unity build) of a build with tests (cmake/compile-time.sh measures it), by folder, and the N slowest
 files (10). Exit status 1 if a file took more than PERCENT of the total, which does not depend on the machine's speed.
 Files from ccache count with the time of the cache. For the cost of a full build, build with CCACHE_DISABLE=1 into an empty folder.
 For the limit, files below half a second are assumed to come from ccache and count as the mean of the others.
 """
 import argparse
 import collections
+import json
 import os
 import re
 import sys
@@ -27,16 +28,23 @@ def seconds_of(path):
     return 60 * (minutes + system_minutes) + seconds + system_seconds
 
 
+def present_objects(build):
+    """The objects that the build makes now; it may have others of an earlier configuration."""
+    with open(os.path.join(build, "compile_commands.json"), encoding="utf-8") as file:
+        return {re.search(r" -o (\S+)", entry["command"]).group(1) for entry in json.load(file)}
+
+
 def measured(build):
     """{object without the folders and suffixes of CMake: seconds}"""
     times = {}
+    present = present_objects(build)
     for folder, _, names in os.walk(build):
         for name in names:
             if name.endswith((".o.time", ".gch.time")):
                 path = os.path.join(folder, name)
                 seconds = seconds_of(path)
-                if seconds is not None and os.path.exists(path[:-len(".time")]):
-                    shown = os.path.relpath(path, build)[:-len(".time")]
+                shown = os.path.relpath(path, build)[:-len(".time")]
+                if seconds is not None and (shown in present or shown.endswith(".gch")):
                     times[re.sub(r"CMakeFiles/([^/]+)\.dir/", r"\1: ", shown)] = seconds
     return times
 

@@ -8,6 +8,7 @@
 //                                                    $TARSIER_CAPTURE_URL; an empty CA_FILE means
 //                                                    the system's authorities
 //   tarsier-capture exec PROGRAM [ARGUMENT..]        becomes PROGRAM, but ends with tarsier
+#include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/capture_protocol.h"
@@ -280,7 +281,7 @@ int main(int argc, char** argv) {
   }
   if (words.size() >= 2 && words[0] == "exec") {
     ::execv(argv[2], argv + 2);
-    std::fprintf(stderr, "%s: %s\n", argv[2], std::generic_category().message(errno).c_str());
+    std::fprintf(stderr, "%s: %s\n", argv[2], tarsier::errno_text(errno).c_str());
     return 3;
   }
   std::fprintf(stderr, "tarsier-capture: a helper of tarsier; it is not started by hand\n");

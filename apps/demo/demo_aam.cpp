@@ -20,7 +20,7 @@
 namespace tarsier::cli {
 namespace {
 
-constexpr int kFrameCount = 36;  // of the turning head
+constexpr int kHeadFrameCount = 36;  // of the turning head
 
 cv::Mat cropped(const cv::Mat& image, const Eigen::Matrix2Xd& points) {
   const Eigen::Vector2d low = points.rowwise().minCoeff();
@@ -114,9 +114,9 @@ void demo_turning_head(Context& context, DemoPage& page) {
   std::vector<cv::Mat> frames;
   double error = 0;
   int posed = 0;
-  for (int i = 0; i < kFrameCount; ++i) {
+  for (int i = 0; i < kHeadFrameCount; ++i) {
     throw_if_stopped(context.stop);
-    const double phase = 2 * std::numbers::pi * i / kFrameCount;
+    const double phase = 2 * std::numbers::pi * i / kHeadFrameCount;
     const geometry::Rigid3 truth{
         face::head::rotation_of_angles(
             {32 * std::sin(phase), 10 * std::sin(2 * phase), 6 * std::cos(phase)}),
@@ -143,7 +143,7 @@ void demo_turning_head(Context& context, DemoPage& page) {
   page.grid(
       {DemoImage{"img/pose-turning.gif",
                  posed > 0 ? fmt::format("found in {} of {} frames, mean error {:.1f} degrees",
-                                         posed, kFrameCount, error / posed)
+                                         posed, kHeadFrameCount, error / posed)
                            : std::string("not found"),
                  360, 360}});
 }

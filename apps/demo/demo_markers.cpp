@@ -22,7 +22,7 @@ namespace {
 
 const cv::Size kSize{640, 480};
 constexpr double kFps = 25;
-constexpr int kFrameCount = 150;  // one turn of the video
+constexpr int kMarkerFrameCount = 150;  // one turn of the video
 constexpr double kMarkerSide_m = 0.05;
 
 synth::PlanarVideo desk_video() {
@@ -95,7 +95,7 @@ void demo_markers(Context& context, DemoPage& page) {
   options.outlines = false;
   options.augment.object = planar::augment::Object::kMesh;
   options.augment.mesh = make_box_and_ball();
-  context.progress->begin("markers", kFrameCount, "frames");
+  context.progress->begin("markers", kMarkerFrameCount, "frames");
   page.begin_area(
       "Square markers",
       "A black square with a pattern determines the camera pose. Virtual objects on it keep their "
@@ -109,7 +109,7 @@ void demo_markers(Context& context, DemoPage& page) {
   DemoImage poster;
   cv::Mat plain;
   cv::Mat drawn;
-  for (int i = 0; i < kFrameCount; ++i) {
+  for (int i = 0; i < kMarkerFrameCount; ++i) {
     throw_if_stopped(context.stop);
     Frame frame;
     frame.index = i;

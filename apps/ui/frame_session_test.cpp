@@ -6,11 +6,13 @@
 #include <opencv2/core.hpp>
 
 #include "ui/testing_plain.h"
+#include "ui/testing_source.h"
 #include <nlohmann/json.hpp>
 
 namespace tarsier {
 namespace {
 
+using test_support::live;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -68,7 +70,6 @@ Frame frame_of(const char* name, bool still) {
   return frame;
 }
 
-SourceStatus live() { return {.state = SourceState::kLive, .detail = "", .age_s = 0}; }
 SourceStatus stale() { return {.state = SourceState::kStale, .detail = "", .age_s = 3}; }
 
 TEST(SessionControls, HandlesPauseHelpAndQuitAndListsThemLast) {
@@ -289,7 +290,7 @@ TEST(FrameSession, WithoutStatusShowsOnlyTheDrawing) {
   session.draw_status(false);
   const View view = session.on_frame(frame, live());
   EXPECT_EQ(cv::norm(view.image, view.output, cv::NORM_INF), 0);
-  testing::expect_plain_image(session, live());
+  test_support::expect_plain_image(session, live());
   // Paused, it is the newest drawing all the same, though there is nothing to write.
   (void)session.on_event(action_event("pause"));
   const View raised = session.on_event(action_event("raise"));

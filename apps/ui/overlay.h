@@ -14,6 +14,8 @@
 // Parts shared by the views of all sessions: the panel of keys, and the time per frame.
 namespace tarsier {
 
+inline const cv::Scalar kBackground{38, 34, 30};  // of views without a frame behind them
+
 // "s", "space", "Enter", "Esc"; "" for arrows, for other keys without a letter, and for no key.
 [[nodiscard]] std::string key_name(int key);
 

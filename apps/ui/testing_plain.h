@@ -6,7 +6,7 @@
 
 #include "ui/session.h"
 
-namespace tarsier::testing {
+namespace tarsier::test_support {
 
 // For a session with something to show, and a host that shows status and keys itself: checks that
 // the image has neither bar nor panel of keys, and has both when they are switched on.
@@ -30,4 +30,4 @@ inline void expect_plain_image(Session& session, const SourceStatus& source = {}
   EXPECT_EQ(cv::norm(plain, after, cv::NORM_INF), 0);
 }
 
-}  // namespace tarsier::testing
+}  // namespace tarsier::test_support

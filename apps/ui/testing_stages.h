@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-namespace tarsier::testing {
+namespace tarsier::test_support {
 
 // Records the names of the stages that a session passes while it is watched.
 class WatchedStages final : public DebugSink {
@@ -25,4 +25,4 @@ class WatchedStages final : public DebugSink {
   std::vector<std::string> names;
 };
 
-}  // namespace tarsier::testing
+}  // namespace tarsier::test_support

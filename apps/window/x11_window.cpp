@@ -223,7 +223,7 @@ std::optional<cv::Point> X11Window::origin() {
   if (impl_->window == None || !alive()) return std::nullopt;
   int x = 0;
   int y = 0;
-  Window child = None;
+  ::Window child = None;
   if (XTranslateCoordinates(impl_->display, impl_->window, DefaultRootWindow(impl_->display), 0, 0,
                             &x, &y, &child) == 0) {
     return std::nullopt;

@@ -28,7 +28,9 @@ SERVICE = os.path.join(ROOT, "src", "tarsier", "media", "http_service.cpp")
 HERE = os.path.join(ROOT, "tests", "web")
 
 # The condition of a patch: rule_is_out("name").
-SWITCH = """#include <cstdlib>
+SWITCH = """#ifndef TARSIER_RULE_IS_OUT  // files are compiled together
+#define TARSIER_RULE_IS_OUT
+#include <cstdlib>
 #include <string_view>
 namespace {
 [[maybe_unused]] bool rule_is_out(std::string_view name) {
@@ -36,6 +38,7 @@ namespace {
   return out != nullptr && name == out;
 }
 }  // namespace
+#endif
 """
 
 SECURITY, FILES, JOBS, LIVE, UNIT = "test_security.py", "test_files.py", "test_jobs.py", "test_live.py", "web_test"
@@ -377,12 +380,24 @@ def build_scratch(build, scratch, rules, jobs):
     shutil.copytree(SERVER, sources)
     with open(os.path.join(build, "compile_commands.json"), encoding="utf-8") as file:
         known = {entry["file"]: entry for entry in json.load(file)}
-    work, objects = [], []
+    copies = {}
     for path, text in patched_sources(rules).items():
-        copy = os.path.join(sources, os.path.basename(path))
-        with open(copy, "w", encoding="utf-8") as file:
+        copies[path] = os.path.join(sources, os.path.basename(path))
+        with open(copies[path], "w", encoding="utf-8") as file:
             file.write(text)
-        entry = known[path]
+    work, objects = [], []
+    for path, entry in known.items():
+        copy = copies.get(path)
+        if os.path.basename(os.path.dirname(path)) == "Unity":
+            with open(path, encoding="utf-8") as file:
+                text = file.read()
+            patched = re.sub(r'(?<=#include ")[^"]+', lambda include: copies.get(include[0], include[0]), text)
+            if patched != text:  # it includes patched files
+                copy = os.path.join(sources, os.path.basename(path))
+                with open(copy, "w", encoding="utf-8") as file:
+                    file.write(patched)
+        if copy is None:
+            continue
         objects.append(copy + ".o")
         words = re.sub(r" -o \S+", f" -o {objects[-1]}", entry["command"]).replace(f"-c {path}", f"-c {copy}")
         work.append((words.replace(f"-I{SERVER}", f"-I{sources} -I{SERVER}", 1), entry["directory"]))

@@ -50,8 +50,9 @@ void add_examples(Command& app);
 void set_run(Command& verb, Context& context, std::function<ExitStatus()> run);
 
 // Adds a verb. `bind(verb, flags)` binds the members of a `Flags` object to flags of the command
-// line; the common flags follow. `run(flags, context)` does the work.
-template <class Flags, class Bind, class Run>
+// line; the common flags follow. `run(flags, context)` does the work. The default of `Bind` selects
+// the overload for `Flags` if `bind` names an overloaded function.
+template <class Flags, class Bind = void (*)(Command&, Flags&), class Run>
 Command& add_verb(Command& area, std::string_view name, std::string_view help, Context& context,
                   const Bind& bind, Run run) {
   Command& verb = area.add_subcommand(name, help);

@@ -14,7 +14,6 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <sys/file.h>
-#include <system_error>
 #include <unistd.h>
 #include <utility>
 
@@ -47,7 +46,7 @@ std::optional<JournalEntry> entry_of(const std::string& text) {
 }
 
 [[noreturn]] void fail(const std::string& path, int error) {
-  throw OutputError(path, "cannot write: " + std::generic_category().message(error));
+  throw OutputError(path, "cannot write: " + errno_text(error));
 }
 
 }  // namespace

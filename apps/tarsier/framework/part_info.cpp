@@ -192,7 +192,7 @@ MergeReport merge_parts(const std::vector<std::string>& paths, const std::string
   for (const Part& part : parts) {
     files.emplace_back(part.path, std::ios::binary);
     if (!files.back()) {
-      throw InputError(part.path, "cannot be opened: " + std::generic_category().message(errno));
+      throw InputError(part.path, "cannot be opened: " + errno_text(errno));
     }
     if (part.info.header_lines > 0 && std::getline(files.back(), line)) header = line + '\n';
     merged.skipped.insert(merged.skipped.end(), part.info.skipped.begin(), part.info.skipped.end());

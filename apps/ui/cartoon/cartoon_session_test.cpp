@@ -7,6 +7,7 @@
 #include <opencv2/core.hpp>
 
 #include "ui/testing_plain.h"
+#include "ui/testing_source.h"
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
@@ -19,9 +20,10 @@ namespace tarsier {
 namespace {
 
 namespace fs = std::filesystem;
+using test_support::live;
 
 // A scene with edges and texture, the same for the same number.
-cv::Mat test_image(int number = 0) {
+cv::Mat scene(int number = 0) {
   cv::Mat image(120, 160, CV_8UC3);
   for (int y = 0; y < image.rows; ++y) {
     for (int x = 0; x < image.cols; ++x) {
@@ -37,7 +39,7 @@ cv::Mat test_image(int number = 0) {
 
 Frame moving(int index, double fps = 10) {
   Frame frame;
-  frame.image = test_image(index);
+  frame.image = scene(index);
   frame.index = index;
   frame.time = index / fps;
   frame.name = "synthetic";
@@ -46,20 +48,13 @@ Frame moving(int index, double fps = 10) {
 
 Frame still(const std::string& name = "a.png") {
   Frame frame;
-  frame.image = test_image();
+  frame.image = scene();
   frame.name = name;
   frame.still = true;
   return frame;
 }
 
-SourceStatus live(double age_s = 0.02) {
-  SourceStatus status;
-  status.state = SourceState::kLive;
-  status.age_s = age_s;
-  return status;
-}
-
-double difference(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF); }
+double max_difference(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF); }
 
 class CartoonSessionTest : public ::testing::Test {
  protected:
@@ -124,8 +119,8 @@ TEST_F(CartoonSessionTest, ModesDrawDifferentImages) {
   const cv::Mat sketch = session.on_event(key_event('s')).output.clone();
   const cv::Mat none = session.on_event(key_event('n')).output.clone();
   ASSERT_FALSE(sketch.empty()) << "a still is drawn again at once";
-  EXPECT_GT(difference(cartoon, sketch), 50);
-  EXPECT_EQ(difference(none, test_image()), 0);
+  EXPECT_GT(max_difference(cartoon, sketch), 50);
+  EXPECT_EQ(max_difference(none, scene()), 0);
 }
 
 TEST_F(CartoonSessionTest, OverlaysAreNotInTheOutput) {
@@ -139,10 +134,10 @@ TEST_F(CartoonSessionTest, OverlaysAreNotInTheOutput) {
   shown.on_event(key_event('h'));
   const View with = shown.on_frame(moving(0), stale);
   const View without = without_overlay.on_frame(moving(0), stale);
-  EXPECT_EQ(difference(with.output, without.output), 0);
-  EXPECT_GT(difference(with.image, with.output), 50)
+  EXPECT_EQ(max_difference(with.output, without.output), 0);
+  EXPECT_GT(max_difference(with.image, with.output), 50)
       << "status, banner and help are on the shown image";
-  EXPECT_EQ(difference(without.image, without.output), 0);
+  EXPECT_EQ(max_difference(without.image, without.output), 0);
 }
 
 TEST_F(CartoonSessionTest, PauseFreezesAndResumes) {
@@ -213,7 +208,7 @@ TEST_F(CartoonSessionTest, TheFaceOutlineFadesByFrameTime) {
   without.on_event(key_event('a'));
   without.on_frame(moving(0), live());
   cv::Mat expected = without.on_frame(moving(23), live()).image;
-  EXPECT_EQ(difference(late(cv::Rect(0, 0, 160, 85)), expected(cv::Rect(0, 0, 160, 85))), 0)
+  EXPECT_EQ(max_difference(late(cv::Rect(0, 0, 160, 85)), expected(cv::Rect(0, 0, 160, 85))), 0)
       << "gone after two seconds";
 }
 
@@ -221,8 +216,8 @@ TEST_F(CartoonSessionTest, StillsHaveNoFaceOutline) {
   CartoonSession session(cartoonizer_, options_);
   session.on_frame(still(), live(0));
   const View view = session.on_event(key_event('a'));
-  EXPECT_EQ(difference(view.image(cv::Rect(0, 0, 160, 85)), view.output(cv::Rect(0, 0, 160, 85))),
-            0);
+  EXPECT_EQ(
+      max_difference(view.image(cv::Rect(0, 0, 160, 85)), view.output(cv::Rect(0, 0, 160, 85))), 0);
 }
 
 TEST_F(CartoonSessionTest, DebugViewShowsAllStages) {
@@ -241,7 +236,7 @@ TEST_F(CartoonSessionTest, DebugViewShowsAllStages) {
   EXPECT_TRUE(session.on_event(key_event('d')).state.at("debug"));
   const View view = session.on_frame(moving(0), live());
   EXPECT_EQ(view.image.size(), before.size());
-  EXPECT_GT(difference(view.image, before), 100);
+  EXPECT_GT(max_difference(view.image, before), 100);
   session.on_event(key_event('d'));
   EXPECT_FALSE(session.on_frame(moving(1), live()).state.at("debug"));
 }
@@ -291,7 +286,8 @@ TEST_F(CartoonSessionTest, ReportsTheSourceState) {
   view = session.on_idle(status);
   EXPECT_EQ(view.state.at("source"), "stale");
   EXPECT_EQ(view.state.at("age_ms"), 3000.0);
-  EXPECT_GT(difference(view.image(cv::Rect(0, 0, 160, 60)), live_view(cv::Rect(0, 0, 160, 60))), 50)
+  EXPECT_GT(max_difference(view.image(cv::Rect(0, 0, 160, 60)), live_view(cv::Rect(0, 0, 160, 60))),
+            50)
       << "a banner";
 }
 
@@ -372,14 +368,14 @@ TEST_F(CartoonSessionTest, WithoutStatusDrawsNoBarAndNoBanner) {
   SourceStatus stale = live(4);
   stale.state = SourceState::kStale;
   const View view = session.on_frame(moving(0), stale);
-  EXPECT_EQ(difference(view.image, view.output), 0);
-  testing::expect_plain_image(session, stale);
+  EXPECT_EQ(max_difference(view.image, view.output), 0);
+  test_support::expect_plain_image(session, stale);
   // Paused, the image is the newest drawing.
   session.on_event(key_event(key::kSpace));
   const cv::Mat cartoon = session.on_idle(stale).image.clone();
   const View sketch = session.on_event(key_event('s'));
   EXPECT_TRUE(sketch.output.empty());
-  EXPECT_GT(difference(sketch.image, cartoon), 50);
+  EXPECT_GT(max_difference(sketch.image, cartoon), 50);
 }
 
 }  // namespace

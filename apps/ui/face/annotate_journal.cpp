@@ -9,7 +9,6 @@
 #include "ui/face/annotate_state.h"
 #include <cerrno>
 #include <cstdio>
-#include <cstring>
 #include <fcntl.h>
 #include <nlohmann/json.hpp>
 #include <string_view>
@@ -26,12 +25,10 @@ using nlohmann::json;
 constexpr std::int64_t kMaxBytes = 1'000'000'000;
 constexpr mode_t kMode = 0644;
 
-std::string errno_text() { return std::strerror(errno); }
-
 void write_synced(int fd, const json& record, const std::string& path) {
   const std::string line = record.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
   write_all(fd, line, path);
-  if (::fsync(fd) != 0) throw OutputError(path, errno_text());
+  if (::fsync(fd) != 0) throw OutputError(path, errno_text(errno));
 }
 
 }  // namespace
@@ -47,7 +44,7 @@ std::vector<json> AnnotateJournal::open() {
   close();
   lines_ = 0;
   fd_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW, kMode);
-  if (fd_ < 0) throw OutputError(path_, errno_text());
+  if (fd_ < 0) throw OutputError(path_, errno_text(errno));
   if (::flock(fd_, LOCK_EX | LOCK_NB) != 0) {
     close();
     throw InputError(path_, "another program is annotating this set");
@@ -73,7 +70,7 @@ std::vector<json> AnnotateJournal::open() {
     good = begin;
   }
   if (good < text.size() && ::ftruncate(fd_, static_cast<off_t>(good)) != 0)
-    throw OutputError(path_, errno_text());
+    throw OutputError(path_, errno_text(errno));
   lines_ = static_cast<int>(records.size());
   return records;
 }
@@ -81,7 +78,7 @@ std::vector<json> AnnotateJournal::open() {
 void AnnotateJournal::append(const json& record) {
   if (fd_ < 0) {
     fd_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC | O_NOFOLLOW, kMode);
-    if (fd_ < 0) throw OutputError(path_, errno_text());
+    if (fd_ < 0) throw OutputError(path_, errno_text(errno));
     sync_folder(path_);
   }
   write_synced(fd_, record, path_);
@@ -90,7 +87,8 @@ void AnnotateJournal::append(const json& record) {
 
 void AnnotateJournal::restart(const std::optional<json>& record) {
   if (!record) {
-    if (::unlink(path_.c_str()) != 0 && errno != ENOENT) throw OutputError(path_, errno_text());
+    if (::unlink(path_.c_str()) != 0 && errno != ENOENT)
+      throw OutputError(path_, errno_text(errno));
     sync_folder(path_);
     close();
     lines_ = 0;
@@ -100,11 +98,11 @@ void AnnotateJournal::restart(const std::optional<json>& record) {
   const std::string next = path_ + ".new";
   const int fd =
       ::open(next.c_str(), O_RDWR | O_CREAT | O_TRUNC | O_APPEND | O_CLOEXEC | O_NOFOLLOW, kMode);
-  if (fd < 0) throw OutputError(next, errno_text());
+  if (fd < 0) throw OutputError(next, errno_text(errno));
   try {
     (void)::flock(fd, LOCK_EX | LOCK_NB);
     write_synced(fd, *record, next);
-    if (::rename(next.c_str(), path_.c_str()) != 0) throw OutputError(path_, errno_text());
+    if (::rename(next.c_str(), path_.c_str()) != 0) throw OutputError(path_, errno_text(errno));
   } catch (...) {
     ::close(fd);
     ::unlink(next.c_str());

@@ -11,7 +11,7 @@
 namespace tarsier {
 namespace {
 
-constexpr double kZoom = 1.25;                     // per key press or notch
+constexpr double kImageZoom = 1.25;                // per key press or notch
 constexpr std::size_t kRecentBytes = 150'000'000;  // bytes of frames kept for stepping back
 constexpr double kSkip = 1.0;                      // s, for the up arrow
 constexpr double kMinNudge = 0.25;                 // px of the image
@@ -140,8 +140,8 @@ void AnnotateSession::act_on_view(const std::string& name) {
   if (name == "lines") lines_ = !lines_;
   if (name == "mirror") mirrored_ = !mirrored_;
   if (name == "magnifier") magnifier_ = !magnifier_;
-  if (name == "nearer") zoom(kZoom, around);
-  if (name == "farther") zoom(1 / kZoom, around);
+  if (name == "nearer") zoom(kImageZoom, around);
+  if (name == "farther") zoom(1 / kImageZoom, around);
   if (name == "whole") zoom(0, center);
   if (name == "fit") zoom_to_points();
   if (name == "pause" && state_.stage() == AnnotateStage::kPick) paused_ = !paused_;
@@ -205,7 +205,7 @@ void AnnotateSession::on_mouse(const Event& event) {
       if (drag_ == Drag::kPan) drag_ = Drag::kNone;
       break;
     case Event::Mouse::kWheel:
-      zoom(std::pow(kZoom, std::clamp(event.wheel, -20, 20)), position);
+      zoom(std::pow(kImageZoom, std::clamp(event.wheel, -20, 20)), position);
       break;
   }
 }

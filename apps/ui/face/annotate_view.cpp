@@ -15,7 +15,6 @@
 namespace tarsier {
 namespace {
 
-const cv::Scalar kBackground{38, 34, 30};
 const cv::Scalar kAcceptedColor{80, 220, 80};
 const cv::Scalar kProposedColor{40, 180, 255};
 const cv::Scalar kHiddenColor{150, 150, 150};

@@ -16,7 +16,7 @@ namespace tarsier {
 
 namespace {
 
-constexpr NameTable<AppearanceSession::Overlay, 4> kOverlays{
+constexpr NameTable<AppearanceSession::Overlay, 4> kAppearanceOverlays{
     "drawing",
     {{{AppearanceSession::Overlay::kMesh, "mesh"},
       {AppearanceSession::Overlay::kFace, "face"},
@@ -31,7 +31,9 @@ double width_of(const Eigen::Matrix2Xd& points) {
 
 }  // namespace
 
-std::string_view name_of(AppearanceSession::Overlay overlay) { return kOverlays.name(overlay); }
+std::string_view name_of(AppearanceSession::Overlay overlay) {
+  return kAppearanceOverlays.name(overlay);
+}
 
 AppearanceSession::AppearanceSession(face::AppearanceTracker tracker, Overlay overlay,
                                      DebugSink* debug, face::AppearanceState state)

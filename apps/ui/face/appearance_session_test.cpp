@@ -30,8 +30,8 @@ class AppearanceSessionTest : public ::testing::Test {
       options.model = folder / "model.json";
       face::appearance::write_appearance_model(
           options.model,
-          face::appearance::train_appearance_model(face::appearance::testing::portraits(30, 1), {},
-                                                   {}, silent, {}),
+          face::appearance::train_appearance_model(face::appearance::test_support::portraits(30, 1),
+                                                   {}, {}, silent, {}),
           nlohmann::json::object());
       return face::AppearanceTracker::load({}, options);
     }();
@@ -47,7 +47,7 @@ class AppearanceSessionTest : public ::testing::Test {
     return {tracker(), AppearanceSession::Overlay::kMesh, nullptr, std::move(state)};
   }
 
-  face::appearance::TrainingImage unseen_ = face::appearance::testing::portraits(1, 33)[0];
+  face::appearance::TrainingImage unseen_ = face::appearance::test_support::portraits(1, 33)[0];
   Frame frame_;
 };
 

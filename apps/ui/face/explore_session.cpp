@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include "ui/face/mode_sliders.h"
 #include "ui/overlay.h"
 #include <algorithm>
 #include <charconv>
@@ -17,15 +18,12 @@
 namespace tarsier {
 namespace {
 
-constexpr double kMaxSigmas = 3;
 constexpr double kStep = 0.1;        // of a slider
 constexpr double kKeyStep = 0.25;    // per key press
 constexpr int kMaxShownSliders = 4;  // for shape and for look, if the sliders are below the image
 constexpr double kRandomSpread = 0.7;
 const cv::Size kPortrait(560, 560);
-constexpr int kMaxImageSide = 900;  // px, larger images are reduced
-constexpr int kStatusHeight = 40;   // px, for the status
-const cv::Scalar kBackground(38, 34, 30);
+constexpr int kMaxExploredSide = 900;  // px, larger images are reduced
 
 // Adds space for the status below.
 cv::Mat framed(const cv::Mat& image) {
@@ -50,8 +48,8 @@ ExploreSession::ExploreSession(const face::appearance::AppearanceModel& model,
   TARSIER_REQUIRE(base_->points.cols() == model.points(), "{} points, the model has {}",
                   base_->points.cols(), model.points());
   const int longest = std::max(base_->image.cols, base_->image.rows);
-  if (longest > kMaxImageSide) {
-    const double scale = static_cast<double>(kMaxImageSide) / longest;
+  if (longest > kMaxExploredSide) {
+    const double scale = static_cast<double>(kMaxExploredSide) / longest;
     cv::Mat reduced;
     cv::resize(base_->image, reduced, {}, scale, scale, cv::INTER_AREA);
     base_->image = reduced;

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include "ui/face/mode_sliders.h"
 #include "ui/overlay.h"
 #include <algorithm>
 #include <cmath>
@@ -22,9 +23,7 @@ constexpr int kMaxImageSide = 1000;  // px, larger images are reduced
 constexpr int kMinImageSide = 600;   // px, smaller images are enlarged
 constexpr int kAnimationSteps = 60;  // steps of a mode's animation
 constexpr int kMaxSliders = 6;
-constexpr double kMaxSigmas = 3;
 const cv::Size kModelView(800, 560);
-constexpr int kStatusHeight = 40;  // px
 
 }  // namespace
 

@@ -92,7 +92,7 @@ TEST(ShapeModelSession, SlidersAndAnimationMoveTheModes) {
   ASSERT_GE(session.sliders().size(), 2u);
   const cv::Mat before = session.on_event(action_event("mean")).image.clone();
   EXPECT_FALSE(session.on_idle({}).state.at("animated"));
-  testing::expect_plain_image(session);
+  test_support::expect_plain_image(session);
   session.draw_status(true);
   const View view = session.on_event(slider_event("mode 2", 2.5));
   EXPECT_EQ(view.state.at("values")[1], 2.5);
@@ -108,7 +108,7 @@ TEST(ShapeModelSession, SlidersAndAnimationMoveTheModes) {
 
 TEST_F(LandmarkSetSessionTest, WithoutStatusDrawsNoBar) {
   LandmarkSetSession session = this->session();
-  testing::expect_plain_image(session);
+  test_support::expect_plain_image(session);
 }
 
 }  // namespace

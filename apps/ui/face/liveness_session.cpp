@@ -2,13 +2,13 @@
 #include "ui/face/liveness_session.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/rounding.h"
 #include "tarsier/image/draw/text.h"
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <cmath>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -17,8 +17,6 @@ namespace {
 
 using face::head::LivenessState;
 using face::head::LivenessTask;
-
-double rounded(double value, double digits) { return std::round(value * digits) / digits; }
 
 std::string request_of(const face::head::LivenessStatus& status) {
   switch (status.state) {
@@ -103,9 +101,9 @@ nlohmann::ordered_json LivenessSession::challenge_json() const {
           {"task", text(now.task ? name_of(*now.task) : std::string_view())},
           {"done", now.done},
           {"tasks", liveness_.tasks().size()},
-          {"left_s", rounded(now.remaining_s, 100)},
-          {"openness", rounded(now.openness, 1000)},
-          {"parallax", rounded(now.parallax, 1000)},
+          {"left_s", rounded_to_steps(now.remaining_s, 100)},
+          {"openness", rounded_to_steps(now.openness, 1000)},
+          {"parallax", rounded_to_steps(now.parallax, 1000)},
           {"reason", text(now.reason)}};
 }
 

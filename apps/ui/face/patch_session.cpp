@@ -25,7 +25,6 @@ const cv::Rect kPatchArea(508, 34, 480, 228);
 const cv::Rect kImageArea(508, 300, 480, 240);
 const cv::Rect kPreviousButton(12, 544, 110, 28);
 const cv::Rect kNextButton(130, 544, 110, 28);
-const cv::Scalar kBackground(38, 34, 30);
 constexpr int kSearchSizes[] = {11, 21, 31, 41};
 
 void label(cv::Mat& image, const std::string& text, cv::Point at) {

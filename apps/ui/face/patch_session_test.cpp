@@ -132,7 +132,7 @@ TEST_F(PatchSessionTest, RefusesMismatchedModelParts) {
 
 TEST_F(PatchSessionTest, WithoutStatusDrawsNoBar) {
   PatchSession session = this->session(true);
-  testing::expect_plain_image(session);
+  test_support::expect_plain_image(session);
 }
 
 }  // namespace

@@ -18,14 +18,13 @@
 namespace tarsier {
 namespace {
 
-const cv::Scalar kBackground{38, 34, 30};
 const cv::Scalar kGreen{80, 220, 80};
 const cv::Scalar kRed{60, 60, 235};
 const cv::Scalar kGrey{170, 170, 170};
-constexpr int kStrip = 96;  // px, width of the strip at the right
-constexpr int kThumb = 72;  // px, a face in it
-constexpr int kCell = 98;   // px, distance of the faces
-constexpr int kBar = 28;    // px, height of the status bar below
+constexpr int kStrip = 96;       // px, width of the strip at the right
+constexpr int kStripThumb = 72;  // px, a face in it
+constexpr int kCell = 98;        // px, distance of the faces
+constexpr int kBar = 28;         // px, height of the status bar below
 constexpr int kButtonWidth = 104;
 constexpr int kButtonHeight = 30;
 constexpr int kMinHeight = 420;  // px, smaller frames are enlarged
@@ -76,8 +75,8 @@ cv::Rect PeopleSession::strip_box(std::size_t person) const {
   const auto room = static_cast<std::size_t>(std::max(1, size.height / kCell));
   const std::size_t first = people_.size() > room ? people_.size() - room : 0;
   if (person < first || person >= people_.size()) return {};
-  return {size.width + (kStrip - kThumb) / 2, 8 + static_cast<int>(person - first) * kCell, kThumb,
-          kThumb};
+  return {size.width + (kStrip - kStripThumb) / 2, 8 + static_cast<int>(person - first) * kCell,
+          kStripThumb, kStripThumb};
 }
 
 // At the right of the buttons, above the prompts.
@@ -133,7 +132,7 @@ void PeopleSession::draw_strip() {
       image::draw::put_text(shown_, "?", (box.tl() + box.br()) / 2, {.height_px = 24},
                             image::draw::Anchor::kCenter);
     } else {
-      put(shown_, face_thumbnail(person.latest, kThumb), box.tl());
+      put(shown_, face_thumbnail(person.latest, kStripThumb), box.tl());
     }
     const bool seen =
         std::any_of(faces_.begin(), faces_.end(), [&](const face::IdentifiedFace& face) {

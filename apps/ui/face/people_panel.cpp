@@ -17,8 +17,8 @@ namespace {
 
 using face::people::Sighting;
 
-constexpr std::size_t kMaxNameLength = 80;  // bytes of a typed name
-constexpr std::size_t kBestFaces = 8;       // per row
+constexpr std::size_t kMaxTypedLength = 80;  // bytes of a typed name
+constexpr std::size_t kBestFaces = 8;        // per row
 constexpr std::int64_t kMaxCorrections = 100;
 constexpr std::size_t kMaxStateRows = 100;
 
@@ -285,7 +285,7 @@ bool PeoplePanel::press(const Event& event) {
     if (event.key == key::kDown) return act("down");
     if (event.key == key::kBackspace) {
       if (!typed_->empty()) typed_->pop_back();
-    } else if (event.key >= ' ' && event.key < 127 && typed_->size() < kMaxNameLength) {
+    } else if (event.key >= ' ' && event.key < 127 && typed_->size() < kMaxTypedLength) {
       // The first typed letter replaces the proposal.
       if (proposal_ < proposals_.size() && *typed_ == proposals_[proposal_]) typed_->clear();
       typed_->push_back(static_cast<char>(event.key));

@@ -8,13 +8,13 @@
 #include <opencv2/imgproc.hpp>
 
 #include "ui/face/people_panel.h"
+#include "ui/overlay.h"
 #include <algorithm>
 
 namespace tarsier {
 namespace {
 
-const cv::Scalar kBackground{38, 34, 30};
-const cv::Scalar kSelectedColor{95, 80, 60};
+const cv::Scalar kSelectedFill{95, 80, 60};
 const cv::Scalar kMarkedColor{60, 60, 235};
 const cv::Scalar kPale{170, 170, 170};
 constexpr int kThumb = 46;      // px, a face
@@ -119,7 +119,7 @@ void PeoplePanel::draw_rows(cv::Mat& image, const cv::Rect& area) {
     const cv::Rect box(area.x, area.y + static_cast<int>(i - first_) * height, area.width,
                        height - 2);
     cells_.push_back({i, box});
-    if (i == selected_) image::draw::fill_rounded(image, box, 4, kSelectedColor, 0.9);
+    if (i == selected_) image::draw::fill_rounded(image, box, 4, kSelectedFill, 0.9);
     if (marked_.contains(row.id)) cv::rectangle(image, box, kMarkedColor, 2);
     if (log) {
       write(image, fitted(row.title, 9, box.width - 12), {box.x + 6, box.y + 2}, 9);
@@ -150,7 +150,7 @@ void PeoplePanel::draw_faces(cv::Mat& image, const cv::Rect& area) {
                        area.y + static_cast<int>(at / columns) * kCellHeight, kCellWidth - 4,
                        kCellHeight - 4);
     cells_.push_back({i, box});
-    if (i == selected_) image::draw::fill_rounded(image, box, 4, kSelectedColor, 0.9);
+    if (i == selected_) image::draw::fill_rounded(image, box, 4, kSelectedFill, 0.9);
     const cv::Mat& small = thumbnail(rows_[i].id);
     if (!small.empty())
       small.copyTo(image(cv::Rect(box.x + (box.width - kThumb) / 2, box.y + 3, kThumb, kThumb)));

@@ -210,7 +210,7 @@ TEST_F(PeopleSessionTest, PassesStagesToAWatchingSink) {
     GTEST_SKIP() << "needs models/landmarks68.json and the package opencv-doc";
   const cv::Mat image = read_image(kImage);
   face::people::Gallery gallery(path("p.db"));
-  testing::WatchedStages stages;
+  test_support::WatchedStages stages;
   PeopleSession session(opened(gallery, nullptr, shipped_reader()), {}, &stages);
   const cv::Mat plain = session.on_frame(frame(image, 0), live_).image.clone();
   EXPECT_TRUE(stages.names.empty());
@@ -513,7 +513,7 @@ TEST_F(PeopleSessionTest, WithoutStatusDrawsNoBar) {
   const View view =
       session.on_frame(frame(cv::Mat(480, 640, CV_8UC3, cv::Scalar(120, 130, 140)), 0), live_);
   EXPECT_EQ(view.image.rows, 480);
-  testing::expect_plain_image(session, live_);
+  test_support::expect_plain_image(session, live_);
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 #include "ui/face/pose_session.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/rounding.h"
 #include "tarsier/face/head/draw_pose.h"
 #include "tarsier/face/head/surface.h"
 #include "tarsier/image/draw/text.h"
@@ -12,7 +13,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -24,8 +24,6 @@ constexpr std::array<const char*, 5> kOverlayNames{"none", "axes", "box", "head"
 const char* name_of(PoseOverlay overlay) {
   return kOverlayNames[static_cast<std::size_t>(overlay)];
 }
-
-double rounded(double value, double digits) { return std::round(value * digits) / digits; }
 
 }  // namespace
 
@@ -156,7 +154,8 @@ nlohmann::json PoseSession::state() const {
   nlohmann::json yaws = nlohmann::json::array();
   for (const face::PosedFace& face : faces()) {
     ids.push_back(face.face.id);
-    yaws.push_back(face.pose ? nlohmann::json(rounded(face.pose->angles.yaw_deg, 10)) : nullptr);
+    yaws.push_back(face.pose ? nlohmann::json(rounded_to_steps(face.pose->angles.yaw_deg, 10))
+                             : nullptr);
   }
   return {{"faces", faces().size()},
           {"ids", std::move(ids)},

@@ -124,7 +124,7 @@ TEST_F(PoseSessionTest, KeepsTheIdAndConvergesInAVideo) {
 }
 
 TEST_F(PoseSessionTest, PassesStagesToAWatchingSink) {
-  testing::WatchedStages stages;
+  test_support::WatchedStages stages;
   PoseSession watched(face::PoseTracker(models(), {}), {}, &stages);
   PoseSession plain = session();
   for (const bool still : {false, true}) {

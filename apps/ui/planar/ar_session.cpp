@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/core/rounding.h"
 #include "tarsier/image/draw/shapes.h"
 #include "tarsier/image/draw/text.h"
 #include "tarsier/media/still_source.h"
@@ -35,8 +36,6 @@ const std::vector<std::string>& common_families() {
                                               "6x6_1000", "7x7_1000",       "25h9"};
   return names;
 }
-
-double rounded(double value, double digits) { return std::round(value * digits) / digits; }
 
 double distance_of(const TrackedMarker& marker) {
   return marker.pose->camera_from_marker.translation.norm();
@@ -199,7 +198,8 @@ nlohmann::json ArSession::state() const {
   nlohmann::json distances = nlohmann::json::array();
   for (const TrackedMarker& posed : result_.markers) {
     ids.push_back(posed.marker.id);
-    distances.push_back(posed.pose ? nlohmann::json(rounded(distance_of(posed), 1e4)) : nullptr);
+    distances.push_back(posed.pose ? nlohmann::json(rounded_to_steps(distance_of(posed), 1e4))
+                                   : nullptr);
   }
   nlohmann::json state = {{"markers", result_.markers.size()},
                           {"ids", std::move(ids)},

@@ -8,11 +8,10 @@
 #include "tarsier/synth/sources.h"
 
 #include <gtest/gtest.h>
-#include <opencv2/imgcodecs.hpp>
 
 #include "ui/scripted_host.h"
+#include "ui/testing_keep.h"
 #include <chrono>
-#include <cstdlib>
 #include <filesystem>
 #include <string>
 #include <unistd.h>
@@ -43,11 +42,6 @@ ArSessionOptions options() {
   return options;
 }
 
-void keep_image(const cv::Mat& image, const std::string& name) {
-  if (const char* folder = std::getenv("TARSIER_KEEP"))
-    cv::imwrite(std::string(folder) + "/ar-" + name + ".png", image);
-}
-
 TEST(ArSessionTest, ReportsMarkerDistancesAndDraws) {
   ArSession session(tracker(), options());
   const auto source = synth::open_synth_source(kVideo);
@@ -62,7 +56,8 @@ TEST(ArSessionTest, ReportsMarkerDistancesAndDraws) {
   const auto& steps = host.run();
   const auto video = truth();
   for (const ScriptStep& step : steps) {
-    if (!step.image.empty()) keep_image(step.image, std::to_string(step.frame));
+    if (!step.image.empty())
+      test_support::keep_image(step.image, "ar-" + std::to_string(step.frame));
     if (step.cause != "frame") continue;
     EXPECT_GE(step.state["markers"], 3) << step.frame;
     for (std::size_t i = 0; i < step.state["ids"].size(); ++i) {

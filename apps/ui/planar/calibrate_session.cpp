@@ -21,7 +21,7 @@ namespace {
 
 using planar::calibration::ViewDecision;
 
-constexpr int kFlashFrames = 8;  // frames that show that a view was accepted
+constexpr int kAcceptedFrames = 8;  // frames that show that a view was accepted
 constexpr double kCoverageTint = 0.22;
 const cv::Scalar kGood(90, 220, 90);
 const cv::Scalar kWait(60, 200, 255);
@@ -66,7 +66,7 @@ void CalibrateSession::process(const Frame& frame) {
 void CalibrateSession::apply(const planar::CalibratorAnswer& answer) {
   view_status_ = answer.decision ? std::string(name_of(*answer.decision)) : "another size";
   if (!answer.is_accepted()) return;
-  flash_ = kFlashFrames;
+  flash_ = kAcceptedFrames;
   calibrate_now();
 }
 

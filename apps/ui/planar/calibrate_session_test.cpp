@@ -7,12 +7,11 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "ui/scripted_host.h"
+#include "ui/testing_keep.h"
 #include "ui/testing_plain.h"
-#include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <string>
 
@@ -33,11 +32,6 @@ std::unique_ptr<FrameSource> video(int frames) {
   return synth::open_synth_source("board?size=480x360&fps=10&frames=" + std::to_string(frames));
 }
 
-void keep_image(const cv::Mat& image, const char* name) {
-  if (const char* folder = std::getenv("TARSIER_KEEP"))
-    cv::imwrite(std::string(folder) + "/session-" + name + ".png", image);
-}
-
 TEST(CalibrateSessionTest, AcceptsViewsAndCalibratesByItself) {
   TARSIER_LONG_TEST();
   CalibrateSession session(calibrator());
@@ -48,7 +42,8 @@ TEST(CalibrateSessionTest, AcceptsViewsAndCalibratesByItself) {
   for (const int frame : {2, 12, 20, 100, 113, 116, 120}) host.keep_images(frame);
   const auto& steps = host.run();
   for (const ScriptStep& step : steps)
-    if (!step.image.empty()) keep_image(step.image, std::to_string(step.frame).c_str());
+    if (!step.image.empty())
+      test_support::keep_image(step.image, "session-" + std::to_string(step.frame));
   // Nothing without a board, nothing while it moves.
   EXPECT_EQ(steps[2].state["verdict"], "no board");
   EXPECT_EQ(steps[2].state["views"], 0);
@@ -198,7 +193,7 @@ TEST(CalibrateSessionTest, WithoutStatusDrawsNoText) {
   const View view = session.on_frame(frame, {SourceState::kLive, "", 0, 0, 0, 0});
   EXPECT_EQ(view.state["verdict"], "no board");
   EXPECT_EQ(cv::norm(view.image, view.output, cv::NORM_INF), 0);
-  testing::expect_plain_image(session, {SourceState::kLive, "", 0, 0, 0, 0});
+  test_support::expect_plain_image(session, {SourceState::kLive, "", 0, 0, 0, 0});
 }
 
 }  // namespace

@@ -24,13 +24,13 @@ const std::array<cv::Scalar, 6> kColors = {cv::Scalar{90, 220, 90},  cv::Scalar{
                                            cv::Scalar{255, 170, 60}, cv::Scalar{200, 110, 255},
                                            cv::Scalar{80, 230, 230}, cv::Scalar{235, 130, 130}};
 
-constexpr NameTable<TargetOverlay, 4> kOverlays{"overlay",
-                                                {{{TargetOverlay::kOutline, "outline"},
-                                                  {TargetOverlay::kAxes, "axes"},
-                                                  {TargetOverlay::kBox, "box"},
-                                                  {TargetOverlay::kNone, "none"}}}};
+constexpr NameTable<TargetOverlay, 4> kTargetOverlays{"overlay",
+                                                      {{{TargetOverlay::kOutline, "outline"},
+                                                        {TargetOverlay::kAxes, "axes"},
+                                                        {TargetOverlay::kBox, "box"},
+                                                        {TargetOverlay::kNone, "none"}}}};
 
-std::string_view name_of(TargetOverlay overlay) { return kOverlays.name(overlay); }
+std::string_view name_of(TargetOverlay overlay) { return kTargetOverlays.name(overlay); }
 
 void line(cv::Mat& image, const cv::Point2d& a, const cv::Point2d& b, const cv::Scalar& color,
           int width) {

@@ -4,11 +4,14 @@
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
 
+#include "ui/testing_source.h"
 #include <string>
 #include <vector>
 
 namespace tarsier {
 namespace {
+
+using test_support::live;
 
 plate::Reading reading_at(cv::Rect box, const std::string& text = "4725BKZ",
                           double confidence = 0.9) {
@@ -50,12 +53,6 @@ Event pressed(int key) {
   event.kind = Event::Kind::kKey;
   event.key = key;
   return event;
-}
-
-SourceStatus live() {
-  SourceStatus status;
-  status.state = SourceState::kLive;
-  return status;
 }
 
 class PlateSessionTest : public testing::Test {

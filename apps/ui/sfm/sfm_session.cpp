@@ -21,7 +21,7 @@ const cv::Scalar kTextColor{70, 60, 50};
 constexpr double kMaxWidth = 1680;  // px, of both panels together
 constexpr double kTurnDeg = 10;     // per press of an arrow key
 constexpr double kDragDeg = 0.35;   // per pixel
-constexpr double kZoom = 1.2;       // per key press or notch
+constexpr double kModelZoom = 1.2;  // per key press or notch
 
 // Height of both panels: the frame's own if it fits; even, because videos need it.
 int panel_height(cv::Size frame) {
@@ -55,9 +55,9 @@ bool SfmSession::act(const std::string& name) {
   } else if (name == "down") {
     rotate(0, -kTurnDeg);
   } else if (name == "nearer") {
-    zoom(kZoom);
+    zoom(kModelZoom);
   } else if (name == "farther") {
-    zoom(1 / kZoom);
+    zoom(1 / kModelZoom);
   } else if (name == "reset") {
     yaw_ = 0;
     pitch_ = 15;
@@ -87,7 +87,7 @@ bool SfmSession::mouse(const Event& event) {
       drag_ = position;
       return true;
     case Event::Mouse::kWheel:
-      zoom(std::pow(kZoom, event.wheel));
+      zoom(std::pow(kModelZoom, event.wheel));
       return true;
     default:
       return false;

@@ -201,7 +201,7 @@ TEST_F(SfmSessionTest, PassesStagesToAWatchingSink) {
   host.keep_images(11);
   const cv::Mat expected = host.run().back().output.clone();
 
-  testing::WatchedStages stages;
+  test_support::WatchedStages stages;
   SfmSession session = make({}, &stages);
   SourceStatus live;
   live.state = SourceState::kLive;
@@ -278,7 +278,7 @@ TEST_F(SfmSessionTest, WithoutStatusShowsOnlyTheDrawing) {
   live.state = SourceState::kLive;
   const View view = session.on_frame(frame, live);
   EXPECT_EQ(cv::norm(view.image, view.output, cv::NORM_INF), 0);
-  testing::expect_plain_image(session, live);
+  test_support::expect_plain_image(session, live);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "audit_log.h"
 
+#include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 
 #include <fmt/chrono.h>
@@ -16,14 +17,13 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <sys/stat.h>
-#include <system_error>
 #include <unistd.h>
 
 namespace tarsier::web {
 namespace {
 
 constexpr off_t kMaxBytes = 4 << 20;
-constexpr std::size_t kMaxText = 300;
+constexpr std::size_t kMaxLoggedText = 300;
 
 }  // namespace
 
@@ -33,8 +33,8 @@ void AuditLog::write(std::string_view event, std::string_view address,
                      const nlohmann::json& details) {
   nlohmann::json line = details.is_object() ? details : nlohmann::json::object();
   for (auto& value : line) {
-    if (value.is_string() && value.get_ref<const std::string&>().size() > kMaxText)
-      value = value.get_ref<const std::string&>().substr(0, kMaxText);
+    if (value.is_string() && value.get_ref<const std::string&>().size() > kMaxLoggedText)
+      value = value.get_ref<const std::string&>().substr(0, kMaxLoggedText);
   }
   line["time"] = fmt::format(
       "{:%Y-%m-%dT%H:%M:%S}Z",
@@ -54,9 +54,7 @@ void AuditLog::write(std::string_view event, std::string_view address,
       fd >= 0 && ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size());
   const int error = errno;
   if (fd >= 0) ::close(fd);
-  if (!done)
-    log_warning("{}: the audit log cannot be written: {}", path_,
-                std::generic_category().message(error));
+  if (!done) log_warning("{}: the audit log cannot be written: {}", path_, errno_text(error));
 }
 
 std::vector<nlohmann::json> AuditLog::last(std::size_t count) const {

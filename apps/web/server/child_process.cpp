@@ -2,6 +2,7 @@
 #include "child_process.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/media/file_descriptor.h"
 
 #include <fmt/format.h>
 
@@ -21,7 +22,6 @@
 #include <sys/resource.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
-#include <system_error>
 #include <thread>
 #include <unistd.h>
 
@@ -38,28 +38,6 @@ using std::chrono::milliseconds;
 constexpr milliseconds kFinalOutputWait{200};
 constexpr int kFirstFd = 3;
 constexpr int kLastFd = 9;
-
-std::string error_text(int number) { return std::generic_category().message(number); }
-
-class Fd {
- public:
-  Fd() = default;
-  explicit Fd(int fd) : fd_(fd) {}
-  Fd(const Fd&) = delete;
-  Fd& operator=(const Fd&) = delete;
-  ~Fd() { close(); }
-  void reset(int fd) {
-    close();
-    fd_ = fd;
-  }
-  void close() {
-    if (fd_ >= 0) ::close(std::exchange(fd_, -1));
-  }
-  [[nodiscard]] int get() const { return fd_; }
-
- private:
-  int fd_ = -1;
-};
 
 // Splits a stream into lines, with bounded memory.
 class LineReader {
@@ -169,7 +147,7 @@ std::string ChildEnd::text() const {
 PipeEnds make_pipe() {
   std::array<int, 2> ends{};
   if (::pipe2(ends.data(), O_CLOEXEC) != 0)
-    throw OutputError("pipe", fmt::format("cannot be made: {}", error_text(errno)));
+    throw OutputError("pipe", fmt::format("cannot be made: {}", errno_text(errno)));
   return {ends[0], ends[1]};
 }
 
@@ -184,7 +162,7 @@ struct ChildProcess::Impl {
   std::optional<ChildEnd> end;  // after on_end
 
   std::atomic<pid_t> pid = -1;  // never reset
-  Fd wake;
+  FileDescriptor wake;
   std::promise<std::string> started;  // the reason of a failed start, or empty
   std::thread thread;
 
@@ -200,21 +178,21 @@ struct ChildProcess::Impl {
 
   // The thread that forks must live as long as the child, because its end sends the death signal.
   void run() {
-    Fd output;
-    Fd messages;
+    FileDescriptor output;
+    FileDescriptor messages;
     const std::string error = start(output, messages);
     const bool is_started = error.empty();
     started.set_value(error);
     if (is_started) follow(output, messages);
   }
 
-  std::string start(Fd& output, Fd& messages) {
+  std::string start(FileDescriptor& output, FileDescriptor& messages) {
     std::array<int, 2> ends{};
-    Fd output_end;
-    Fd messages_end;
-    Fd report;
-    Fd report_end;
-    const auto make = [&](Fd& ours, Fd& theirs) {
+    FileDescriptor output_end;
+    FileDescriptor messages_end;
+    FileDescriptor report;
+    FileDescriptor report_end;
+    const auto make = [&](FileDescriptor& ours, FileDescriptor& theirs) {
       if (::pipe2(ends.data(), O_CLOEXEC) != 0) return false;
       ours.reset(ends[0]);
       theirs.reset(lifted(ends[1]));
@@ -222,8 +200,8 @@ struct ChildProcess::Impl {
       return theirs.get() >= 0;
     };
     if (!make(output, output_end) || !make(messages, messages_end) || !make(report, report_end))
-      return fmt::format("no pipe: {}", error_text(errno));
-    Fd nothing(::open("/dev/null", O_RDONLY | O_CLOEXEC));
+      return fmt::format("no pipe: {}", errno_text(errno));
+    FileDescriptor nothing(::open("/dev/null", O_RDONLY | O_CLOEXEC));
 
     std::vector<std::string> variables;
     for (char** variable = environ; *variable != nullptr; ++variable) {
@@ -248,12 +226,12 @@ struct ChildProcess::Impl {
     plan.fds[0] = nothing.get();
     plan.fds[1] = output_end.get();
     plan.fds[2] = messages_end.get();
-    std::vector<std::unique_ptr<Fd>> copies;
+    std::vector<std::unique_ptr<FileDescriptor>> copies;
     for (const ChildOptions::Pipe& pipe : options.pipes) {
       if (pipe.child_fd < kFirstFd || pipe.child_fd > kLastFd)
         return fmt::format("descriptor {} is none of {}..{}", pipe.child_fd, kFirstFd, kLastFd);
-      copies.push_back(std::make_unique<Fd>(lifted(pipe.our_fd)));
-      if (copies.back()->get() < 0) return fmt::format("no descriptor: {}", error_text(errno));
+      copies.push_back(std::make_unique<FileDescriptor>(lifted(pipe.our_fd)));
+      if (copies.back()->get() < 0) return fmt::format("no descriptor: {}", errno_text(errno));
       plan.fds[static_cast<std::size_t>(pipe.child_fd)] = copies.back()->get();
     }
 
@@ -266,11 +244,11 @@ struct ChildProcess::Impl {
     if (process == 0) become(plan);
     const int fork_error = errno;
     ::pthread_sigmask(SIG_SETMASK, &before, nullptr);
-    if (process < 0) return fmt::format("no process: {}", error_text(fork_error));
+    if (process < 0) return fmt::format("no process: {}", errno_text(fork_error));
     ::setpgid(process, process);  // in parent and child, whichever runs first
-    report_end.close();
-    output_end.close();
-    messages_end.close();
+    report_end.reset();
+    output_end.reset();
+    messages_end.reset();
     int error = 0;
     ssize_t count = 0;
     do {
@@ -279,7 +257,7 @@ struct ChildProcess::Impl {
     if (count == sizeof error) {
       while (::waitpid(process, nullptr, 0) < 0 && errno == EINTR) {
       }
-      return error_text(error);
+      return errno_text(error);
     }
     const std::lock_guard lock(mutex);
     child = process;
@@ -288,8 +266,8 @@ struct ChildProcess::Impl {
   }
 
   // Reads both streams until the process has ended and both are at their ends.
-  void follow(Fd& output, Fd& messages) {
-    const Fd ended(open_pidfd(pid));
+  void follow(FileDescriptor& output, FileDescriptor& messages) {
+    const FileDescriptor ended(open_pidfd(pid));
     LineReader lines(options.max_line, options.on_output);
     LineReader notes(options.max_line, options.on_message);
     ::fcntl(output.get(), F_SETFL, O_NONBLOCK);
@@ -370,7 +348,7 @@ struct ChildProcess::Impl {
     return result;
   }
 
-  static void drain(Fd& fd, LineReader& lines) {
+  static void drain(FileDescriptor& fd, LineReader& lines) {
     std::array<char, 16384> buffer;
     // A limited amount per turn, so that a flood on one stream does not block the other.
     for (int i = 0; i < 16 && fd.get() >= 0; ++i) {
@@ -378,7 +356,7 @@ struct ChildProcess::Impl {
       if (count < 0 && errno == EINTR) continue;
       if (count < 0 && errno == EAGAIN) return;
       if (count <= 0) {
-        fd.close();
+        fd.reset();
         return;
       }
       lines.feed({buffer.data(), static_cast<std::size_t>(count)});
@@ -435,7 +413,8 @@ ChildProcess::Use ChildProcess::use() const {
   Use result;
   const std::lock_guard lock(impl_->mutex);
   if (impl_->child <= 0) return result;
-  const Fd file(::open(fmt::format("/proc/{}/stat", impl_->child).c_str(), O_RDONLY | O_CLOEXEC));
+  const FileDescriptor file(
+      ::open(fmt::format("/proc/{}/stat", impl_->child).c_str(), O_RDONLY | O_CLOEXEC));
   std::array<char, 1024> text{};
   if (file.get() < 0 || ::read(file.get(), text.data(), text.size() - 1) <= 0) return result;
   const char* rest = std::strrchr(text.data(), ')');  // the name before it may contain anything

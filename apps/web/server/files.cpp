@@ -22,7 +22,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::uint64_t kMaxForm = 512ULL << 20U;  // bytes of a form with several files
+constexpr std::uint64_t kMaxUploadForm = 512ULL << 20U;  // bytes of a form with several files
 
 // For Content-Disposition (RFC 6266, RFC 8187).
 std::string percent_encoded(const std::string& text) {
@@ -182,7 +182,7 @@ void bind_set_files(Router& router, Workspace& workspace, AuditLog& audit,
                Json files = store_form(workspace, request.param("name"), request);
                return json_response({{"files", std::move(files)}}, 201);
              },
-             Access::kSignedIn, {kMaxForm, true, {"multipart/form-data"}});
+             Access::kSignedIn, {kMaxUploadForm, true, {"multipart/form-data"}});
   router.add("GET", "/api/sets/{name}/files/{file}",
              [&workspace, own_program](const Request& request) {
                const std::string& name = request.param("file");

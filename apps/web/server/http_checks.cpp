@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "http_checks.h"
 
+#include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/http_service.h"
@@ -14,7 +15,6 @@
 #include <array>
 #include <cerrno>
 #include <fcntl.h>
-#include <system_error>
 #include <utility>
 
 namespace tarsier::web {
@@ -139,7 +139,7 @@ std::optional<Response> HttpChecks::check_body(PendingRequest& pending, bool has
   pending.spool_path = fmt::format("{}/body-{}", options_.spool_folder, new_secret().substr(0, 16));
   pending.spool = ::open(pending.spool_path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
   if (pending.spool < 0) {
-    log_warning("{}: {}", pending.spool_path, std::generic_category().message(errno));
+    log_warning("{}: {}", pending.spool_path, errno_text(errno));
     pending.spool_path.clear();
     return error_response(507, "the workspace cannot be written");
   }

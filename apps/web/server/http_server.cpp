@@ -17,7 +17,6 @@
 #include <memory>
 #include <microhttpd.h>
 #include <new>
-#include <system_error>
 #include <unistd.h>
 #include <utility>
 
@@ -170,9 +169,8 @@ struct HttpServer::Impl {
         const ssize_t count = ::write(pending.spool, bytes.data(), bytes.size());
         if (count < 0 && errno == EINTR) continue;
         if (count <= 0) {
-          pending.refusal = error_response(
-              507,
-              fmt::format("the file cannot be stored: {}", std::generic_category().message(errno)));
+          pending.refusal =
+              error_response(507, fmt::format("the file cannot be stored: {}", errno_text(errno)));
           return true;
         }
         bytes.remove_prefix(static_cast<std::size_t>(count));

@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "request_target.h"
+#include "testing_stream.h"
 #include <arpa/inet.h>
 #include <array>
 #include <fstream>
@@ -193,16 +194,6 @@ TEST_F(HttpServerTest, SendsRangesOfFiles) {
   std::filesystem::create_symlink("/etc/passwd", folder_ + "/x.bin");
   EXPECT_THAT(ask("GET /x"), StartsWith("HTTP/1.1 404"));
 }
-
-// Bytes for ever.
-class Endless final : public BodyStream {
- public:
-  std::ptrdiff_t read(std::span<char> buffer, int) override {
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-    buffer[0] = 'x';
-    return 1;
-  }
-};
 
 TEST_F(HttpServerTest, StopEndsStreamsAndIdleConnections) {
   router_.add(

@@ -18,7 +18,6 @@ constexpr auto kPublishEvery = std::chrono::milliseconds(400);
 constexpr auto kSpaceEvery = std::chrono::seconds(2);
 constexpr auto kCurveEvery = std::chrono::milliseconds(500);
 constexpr std::size_t kLongLine = 256U << 10U;
-constexpr std::string_view kErrorMark = "tarsier: error: ";
 
 }  // namespace
 

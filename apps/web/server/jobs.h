@@ -15,6 +15,7 @@
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -25,6 +26,9 @@ class AuditLog;
 class JobFeed;
 class Router;
 struct Request;
+
+// Start of the line with which a verb reports why it failed.
+inline constexpr std::string_view kErrorMark = "tarsier: error: ";
 
 // Starts verbs, for jobs and runs.
 struct VerbHost {

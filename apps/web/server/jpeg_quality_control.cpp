@@ -8,9 +8,10 @@
 namespace tarsier::web {
 namespace {
 
-constexpr double kSlow_s = 0.15;    // maximum time for an image
-constexpr double kQuick_s = 0.1;    // maximum time for one of better quality
-constexpr double kForgotten = 0.7;  // factor on the weight of earlier images for each new one
+constexpr double kSlow_s = 0.15;  // maximum time for an image
+constexpr double kQuick_s = 0.1;  // maximum time for one of better quality
+constexpr double kForgettingFactor =
+    0.7;  // factor on the weight of earlier images for each new one
 
 // Size of an image by its quality, relative to kMaxQuality: the mean over the drawings of six verbs
 // (cartoon, sketch, pose, plates, markers); each is within 25 % of it.
@@ -32,10 +33,10 @@ double size_of(int quality) {
 
 void JpegQualityControl::add_transfer(std::size_t bytes, double seconds, int of_quality) {
   const auto count = static_cast<double>(bytes);
-  bytes_ = kForgotten * bytes_ + count / size_of(of_quality);
-  sent_bytes_ = kForgotten * sent_bytes_ + count;
-  seconds_ = kForgotten * seconds_ + std::max(0.0, seconds);
-  images_ = kForgotten * images_ + 1;
+  bytes_ = kForgettingFactor * bytes_ + count / size_of(of_quality);
+  sent_bytes_ = kForgettingFactor * sent_bytes_ + count;
+  seconds_ = kForgettingFactor * seconds_ + std::max(0.0, seconds);
+  images_ = kForgettingFactor * images_ + 1;
   if (sent_bytes_ <= 0) return;
   // Time for an image of the best quality.
   const double best_s = bytes_ / images_ * seconds_ / sent_bytes_;

@@ -32,7 +32,6 @@ using Json = nlohmann::json;
 
 constexpr std::uint64_t kMaxForm = 96ULL << 20U;
 constexpr std::size_t kMaxImages = 100;
-constexpr std::string_view kErrorMark = "tarsier: error: ";
 
 struct ImageVerb {
   std::string_view verb;

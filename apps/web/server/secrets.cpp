@@ -8,7 +8,6 @@
 #include <array>
 #include <cerrno>
 #include <sys/random.h>
-#include <system_error>
 
 namespace tarsier::web {
 
@@ -18,9 +17,7 @@ std::string new_secret() {
   while (have < bytes.size()) {
     const ssize_t count = ::getrandom(bytes.data() + have, bytes.size() - have, 0);
     if (count < 0 && errno == EINTR) continue;
-    if (count <= 0)
-      throw OutputError("getrandom",
-                        "no random numbers: " + std::generic_category().message(errno));
+    if (count <= 0) throw OutputError("getrandom", "no random numbers: " + errno_text(errno));
     have += static_cast<std::size_t>(count);
   }
   std::string text;

@@ -29,7 +29,7 @@ namespace {
 constexpr std::size_t kMaxAddresses = 4096;
 constexpr std::size_t kIdDigits = 16;
 
-std::int64_t seconds_of(WallClock::time_point time) {
+std::int64_t whole_seconds_of(WallClock::time_point time) {
   return std::chrono::duration_cast<std::chrono::seconds>(time.time_since_epoch()).count();
 }
 
@@ -39,7 +39,7 @@ void write_secret_file(const std::string& path, std::string_view text) {
   (void)::unlink(temporary.c_str());
   const int fd =
       ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600);
-  if (fd < 0) throw OutputError(temporary, std::generic_category().message(errno));
+  if (fd < 0) throw OutputError(temporary, errno_text(errno));
   try {
     write_all(fd, text, temporary);
   } catch (...) {
@@ -50,13 +50,12 @@ void write_secret_file(const std::string& path, std::string_view text) {
   const bool synced = ::fsync(fd) == 0;
   ::close(fd);
   if (!synced || ::rename(temporary.c_str(), path.c_str()) != 0)
-    throw OutputError(path, std::generic_category().message(errno));
+    throw OutputError(path, errno_text(errno));
 }
 
 void make_private_folder(const std::string& path) {
   make_folder(path);
-  if (::chmod(path.c_str(), 0700) != 0)
-    throw OutputError(path, std::generic_category().message(errno));
+  if (::chmod(path.c_str(), 0700) != 0) throw OutputError(path, errno_text(errno));
 }
 
 // Reads "1764000000" from a small file; nullopt if it contains something else.
@@ -133,7 +132,7 @@ std::string make_link_token(const std::string& folder) {
   make_private_folder(folder + "/links");
   const std::string token = new_secret();
   const std::string path = folder + "/links/" + hash_of(token);
-  write_secret_file(path, std::to_string(seconds_of(WallClock::now())) + "\n");
+  write_secret_file(path, std::to_string(whole_seconds_of(WallClock::now())) + "\n");
   // A link that root creates for a service user must belong to that user.
   struct stat state {};
   if (::geteuid() == 0 && ::stat(folder.c_str(), &state) == 0 && state.st_uid != 0)
@@ -151,7 +150,7 @@ SignIns::SignIns(std::string folder, std::function<WallClock::time_point()> now,
   struct stat state {};
   if (::lstat(path.c_str(), &state) == 0 && S_ISREG(state.st_mode)) {
     if ((state.st_mode & 077U) != 0 && ::chmod(path.c_str(), 0600) != 0)
-      throw OutputError(path, std::generic_category().message(errno));
+      throw OutputError(path, errno_text(errno));
     api_token_ = read_text(path);
   }
   if (!looks_like_secret(api_token_)) {
@@ -179,8 +178,8 @@ void SignIns::load() {
     StoredSignIn& stored = cookies_[hash];
     stored.began = stored.used = *begin;
     const auto used = details.find("used");
-    if (used != details.end() && used->is_number_integer() && *used >= seconds_of(*begin) &&
-        *used <= seconds_of(now))
+    if (used != details.end() && used->is_number_integer() && *used >= whole_seconds_of(*begin) &&
+        *used <= whole_seconds_of(now))
       stored.used = WallClock::time_point(std::chrono::seconds(used->get<std::int64_t>()));
     stored.written = stored.used;
     stored.address = text_of(details, "address");
@@ -190,12 +189,12 @@ void SignIns::load() {
 }
 
 void SignIns::write(const std::string& hash, StoredSignIn& stored) const {
-  const nlohmann::json details{{"used", seconds_of(stored.used)},
+  const nlohmann::json details{{"used", whole_seconds_of(stored.used)},
                                {"address", stored.address},
                                {"used_from", stored.used_from},
                                {"agent", stored.agent}};
-  write_secret_file(folder_ + "/sign-ins/" + hash,
-                    std::to_string(seconds_of(stored.began)) + "\n" + to_text(details) + "\n");
+  write_secret_file(folder_ + "/sign-ins/" + hash, std::to_string(whole_seconds_of(stored.began)) +
+                                                       "\n" + to_text(details) + "\n");
   stored.written = stored.used;
 }
 

@@ -10,6 +10,7 @@
 #include "router.h"
 #include "secrets.h"
 #include "sign_ins_api.h"
+#include "testing_stream.h"
 #include <filesystem>
 #include <fstream>
 #include <sys/stat.h>
@@ -162,14 +163,6 @@ TEST(Agents, AreShortened) {
   EXPECT_EQ(short_agent("curl/8.1"), "curl");
   EXPECT_EQ(short_agent(""), "");
 }
-
-class Endless final : public BodyStream {
- public:
-  std::ptrdiff_t read(std::span<char> buffer, int) override {
-    buffer[0] = 'x';
-    return 1;
-  }
-};
 
 TEST_F(SignInTest, AStreamEndsWithItsSignIn) {
   SignIns sign_ins = make();

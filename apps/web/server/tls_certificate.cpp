@@ -20,7 +20,6 @@
 #include <iterator>
 #include <memory>
 #include <sys/stat.h>
-#include <system_error>
 #include <type_traits>
 #include <unistd.h>
 
@@ -34,9 +33,9 @@ void check(int result, const std::string& what) {
     throw OutputError("TLS certificate", fmt::format("{}: {}", what, gnutls_strerror(result)));
 }
 
-std::string read_file(const std::string& path) {
+std::string read_pem(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
-  if (!file) throw InputError(path, std::generic_category().message(errno));
+  if (!file) throw InputError(path, errno_text(errno));
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
@@ -139,7 +138,7 @@ TlsFiles make_certificate(const std::vector<std::string>& names) {
 }  // namespace
 
 TlsFiles read_tls_files(const std::string& certificate, const std::string& key) {
-  TlsFiles files{read_file(certificate), read_file(key)};
+  TlsFiles files{read_pem(certificate), read_pem(key)};
   (void)parse_certificate(files.certificate);
   if (files.key.find("PRIVATE KEY-----") == std::string::npos)
     throw InputError(key, "not a private key in PEM format");
@@ -159,7 +158,7 @@ TlsFiles self_signed_certificate(const std::string& folder, const std::vector<st
   TlsFiles files = make_certificate(names);
   (void)::unlink(key_path.c_str());
   const int fd = ::open(key_path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (fd < 0) throw OutputError(key_path, std::generic_category().message(errno));
+  if (fd < 0) throw OutputError(key_path, errno_text(errno));
   try {
     write_all(fd, files.key, key_path);
   } catch (...) {

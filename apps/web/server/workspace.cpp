@@ -26,7 +26,8 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-constexpr std::size_t kHeadBytes = 512U << 10U;  // bytes of an image that are read to get its size
+constexpr std::size_t kImageHeadBytes = 512U
+                                        << 10U;  // bytes of an image that are read to get its size
 constexpr auto kMeasureEvery = std::chrono::seconds(10);
 
 // Bytes of all files below the folder; links are not followed.
@@ -158,7 +159,7 @@ FileInfo Workspace::inspect(const std::string& path, const std::string& name) co
   info.name = name;
   info.bytes = static_cast<std::uint64_t>(status.st_size);
   info.modified = seconds_of(status.st_mtim);
-  const std::string head = head_of(path, kHeadBytes);
+  const std::string head = head_of(path, kImageHeadBytes);
   if (const auto header = probe_image(bytes_of(head))) {
     info.type = FileType::kImage;
     info.width = header->width;
@@ -260,7 +261,8 @@ FileInfo Workspace::store(const std::string& set, const std::string& name,
   if (::lstat((folder + '/' + final_name).c_str(), &status) == 0)
     info.modified = seconds_of(status.st_mtim);
   if (type == FileType::kImage) {
-    if (const auto header = probe_image(bytes_of(head_of(folder + '/' + final_name, kHeadBytes)))) {
+    if (const auto header =
+            probe_image(bytes_of(head_of(folder + '/' + final_name, kImageHeadBytes)))) {
       info.width = header->width;
       info.height = header->height;
     }

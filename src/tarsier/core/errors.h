@@ -3,8 +3,15 @@
 
 #include <stdexcept>
 #include <string>
+#include <system_error>
+#include <utility>
 
 namespace tarsier {
+
+// The system's text for a value of errno.
+[[nodiscard]] inline std::string errno_text(int error) {
+  return std::generic_category().message(error);
+}
 
 // The cause of an error. A program decides by it what to do; `tarsier` derives its exit status from
 // it (apps/tarsier/framework/exit_status.h).

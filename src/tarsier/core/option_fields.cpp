@@ -11,7 +11,7 @@ namespace tarsier {
 namespace {
 
 template <class T>
-constexpr bool is_number = std::is_arithmetic_v<T> && !std::is_same_v<T, bool>;
+constexpr bool is_number_type = std::is_arithmetic_v<T> && !std::is_same_v<T, bool>;
 
 // Calls `visit` with every number of the field.
 template <class Visit>
@@ -19,7 +19,7 @@ void for_each_number(const OptionField& field, const Visit& visit) {
   std::visit(
       [&visit](const auto* value) {
         using T = std::remove_cvref_t<decltype(*value)>;
-        if constexpr (is_number<T>) {
+        if constexpr (is_number_type<T>) {
           visit(*value);
         } else if constexpr (!std::is_same_v<T, bool> && !std::is_same_v<T, std::string>) {
           if constexpr (requires { value->has_value(); }) {

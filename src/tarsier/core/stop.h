@@ -21,6 +21,9 @@ class EndOnSignals {
   EndOnSignals& operator=(const EndOnSignals&) = delete;
 };
 
+// Maximum duration of one wait before the stop token is checked again.
+inline constexpr std::chrono::milliseconds kStopCheckInterval{50};
+
 // Throws Interrupted if `stop` was triggered.
 void throw_if_stopped(const std::stop_token& stop);
 

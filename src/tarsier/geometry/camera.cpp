@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::array<std::string_view, 3> kNames{"pinhole", "rational", "fisheye"};
 constexpr std::array<std::size_t, 3> kCoefficientCounts{5, 8, 4};
-constexpr int kMaxDegree = 6;
+constexpr int kMaxDistortionDegree = 6;
 
 struct Distorted {
   cv::Point2d point;
@@ -40,20 +40,20 @@ Distorted distort(const std::array<double, 8>& k, const cv::Point2d& p) {
 }
 
 // Coefficients in s, ascending.
-struct Polynomial {
-  std::array<double, kMaxDegree + 1> c{};
+struct DistortionPolynomial {
+  std::array<double, kMaxDistortionDegree + 1> c{};
   int degree = 0;
 };
 
 // Whether every value on [0, 1] is positive, decided by Bernstein coefficients. The curve lies
 // within their range, and begins and ends at the first and the last. If the range does not decide,
 // the interval is halved.
-bool is_positive(std::array<double, kMaxDegree + 1> b, int degree, int depth) {
+bool is_positive(std::array<double, kMaxDistortionDegree + 1> b, int degree, int depth) {
   const auto n = static_cast<std::size_t>(degree);
   if (!(b[0] > 0) || !(b[n] > 0)) return false;
   if (std::all_of(b.begin(), b.begin() + degree + 1, [](double v) { return v > 0; })) return true;
   if (depth == 0) return false;  // touches zero to within the precision
-  std::array<double, kMaxDegree + 1> left{};
+  std::array<double, kMaxDistortionDegree + 1> left{};
   left[0] = b[0];
   // De Casteljau at 1/2; b becomes the right half.
   for (std::size_t level = 1; level <= n; ++level) {
@@ -63,9 +63,9 @@ bool is_positive(std::array<double, kMaxDegree + 1> b, int degree, int depth) {
   return is_positive(left, degree, depth - 1) && is_positive(b, degree, depth - 1);
 }
 
-bool is_positive_up_to(const Polynomial& polynomial, double end) {
+bool is_positive_up_to(const DistortionPolynomial& polynomial, double end) {
   const int n = polynomial.degree;
-  std::array<double, kMaxDegree + 1> scaled{};
+  std::array<double, kMaxDistortionDegree + 1> scaled{};
   double power = 1;
   for (int i = 0; i <= n; ++i, power *= end)
     scaled[static_cast<std::size_t>(i)] = polynomial.c[static_cast<std::size_t>(i)] * power;
@@ -74,7 +74,7 @@ bool is_positive_up_to(const Polynomial& polynomial, double end) {
     for (int i = 1; i <= k; ++i) value = value * (m - k + i) / i;
     return value;
   };
-  std::array<double, kMaxDegree + 1> bernstein{};
+  std::array<double, kMaxDistortionDegree + 1> bernstein{};
   for (int i = 0; i <= n; ++i) {
     for (int j = 0; j <= i; ++j) {
       bernstein[static_cast<std::size_t>(i)] +=
@@ -91,13 +91,13 @@ bool radius_grows_up_to(const std::array<double, 8>& k, double end) {
   const std::array<double, 4> denominator{1, k[5], k[6], k[7]};
   const bool is_rational = k[5] != 0 || k[6] != 0 || k[7] != 0;
   // d/dr (r N / D) = ((N + 2 s N') D - 2 s N D') / D^2, s = r^2
-  Polynomial slope;
+  DistortionPolynomial slope;
   if (!is_rational) {
     slope.degree = 3;
     for (std::size_t i = 0; i < 4; ++i) slope.c[i] = static_cast<double>(2 * i + 1) * numerator[i];
     return is_positive_up_to(slope, end);
   }
-  Polynomial pole;
+  DistortionPolynomial pole;
   pole.degree = 3;
   std::copy(denominator.begin(), denominator.end(), pole.c.begin());
   slope.degree = 6;
@@ -123,7 +123,7 @@ DistortedAngle distort_angle(const std::array<double, 8>& k, double angle) {
 }
 
 bool angle_grows_up_to(const std::array<double, 8>& k, double angle) {
-  const Polynomial slope{{1, 3 * k[0], 5 * k[1], 7 * k[2], 9 * k[3], 0, 0}, 4};
+  const DistortionPolynomial slope{{1, 3 * k[0], 5 * k[1], 7 * k[2], 9 * k[3], 0, 0}, 4};
   return is_positive_up_to(slope, angle * angle);
 }
 

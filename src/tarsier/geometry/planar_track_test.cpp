@@ -16,12 +16,12 @@ namespace {
 
 constexpr double kFps = 25;
 constexpr double kSide = 0.05;
-const std::vector<cv::Point2d> kSquare{{-kSide / 2, kSide / 2},
-                                       {kSide / 2, kSide / 2},
-                                       {kSide / 2, -kSide / 2},
-                                       {-kSide / 2, -kSide / 2}};
+const std::vector<cv::Point2d> kTrackedSquare{{-kSide / 2, kSide / 2},
+                                              {kSide / 2, kSide / 2},
+                                              {kSide / 2, -kSide / 2},
+                                              {-kSide / 2, -kSide / 2}};
 
-Camera test_camera() {
+Camera video_camera() {
   Camera camera;
   camera.width = 640;
   camera.height = 480;
@@ -51,16 +51,16 @@ Video recorded(int frames, double noise_px, const std::function<Rigid3(double)>&
   Video video;
   Rng rng(seed);
   PlanarTrackState state;
-  const Camera camera = test_camera();
+  const Camera camera = video_camera();
   for (int i = 0; i < frames; ++i) {
     const Rigid3 truth = path(i / kFps);
     std::vector<cv::Point2d> pixels;
-    for (const cv::Point2d& p : kSquare) {
+    for (const cv::Point2d& p : kTrackedSquare) {
       const cv::Point2d at = camera.project(truth * Eigen::Vector3d(p.x, p.y, 0)).value();
       const double x = rng.normal(0, noise_px);
       pixels.emplace_back(at.x + x, at.y + rng.normal(0, noise_px));
     }
-    const auto tracked = track_plane(kSquare, pixels, camera, i / kFps, options, state);
+    const auto tracked = track_plane(kTrackedSquare, pixels, camera, i / kFps, options, state);
     if (!tracked) {
       ADD_FAILURE() << "no pose in frame " << i;
       return video;
@@ -118,20 +118,20 @@ TEST(PlanarTrack, MovingVideosRarelyFlip) {
 }
 
 TEST(PlanarTrack, CorrectsAWrongInitialPose) {
-  const Camera camera = test_camera();
+  const Camera camera = video_camera();
   const Rigid3 truth = pose_of(40, 0.4, {0, 0, 0.5});
   std::vector<cv::Point2d> pixels;
-  for (const cv::Point2d& p : kSquare)
+  for (const cv::Point2d& p : kTrackedSquare)
     pixels.push_back(camera.project(truth * Eigen::Vector3d(p.x, p.y, 0)).value());
   PlanarTrackState state;
-  auto tracked = track_plane(kSquare, pixels, camera, 0, {}, state);
+  auto tracked = track_plane(kTrackedSquare, pixels, camera, 0, {}, state);
   ASSERT_TRUE(tracked && tracked->other);
   // As if the first image had chosen the wrong solution.
   state.measured = tracked->other->camera_from_plane;
   state.evidence = 2;
   bool is_switched = false;
   for (int i = 1; i < 6 && !is_switched; ++i) {
-    tracked = track_plane(kSquare, pixels, camera, i / kFps, {}, state);
+    tracked = track_plane(kTrackedSquare, pixels, camera, i / kFps, {}, state);
     is_switched = tracked.has_value() && tracked->is_switched;
   }
   EXPECT_TRUE(is_switched);
@@ -149,7 +149,7 @@ TEST(PlanarTrack, SmoothsAStillObjectAndFollowsAMovingOne) {
   // Moves 15 px per frame.
   const auto path = [](double t) { return pose_of(35, 0.4, {0.15 * std::sin(2.4 * t), 0, 0.6}); };
   const Video moving = recorded(300, 0.15, path);
-  const Camera camera = test_camera();
+  const Camera camera = video_camera();
   double max_step = 0;
   for (std::size_t i = 5; i < moving.tracked.size(); ++i) {
     const auto a = camera.project(moving.truth[i].translation);
@@ -161,23 +161,23 @@ TEST(PlanarTrack, SmoothsAStillObjectAndFollowsAMovingOne) {
 
 TEST(PlanarTrack, RestartsAfterAGap) {
   PlanarTrackState state;
-  const Camera camera = test_camera();
+  const Camera camera = video_camera();
   const auto seen = [&](const Rigid3& pose) {
     std::vector<cv::Point2d> pixels;
-    for (const cv::Point2d& p : kSquare)
+    for (const cv::Point2d& p : kTrackedSquare)
       pixels.push_back(camera.project(pose * Eigen::Vector3d(p.x, p.y, 0)).value());
     return pixels;
   };
   const Rigid3 here = pose_of(30, 0, {0, 0, 0.5});
   const Rigid3 there = pose_of(30, 2, {0.1, 0.1, 0.6});
-  EXPECT_TRUE(track_plane(kSquare, seen(here), camera, 0, {}, state)->is_new);
-  EXPECT_FALSE(track_plane(kSquare, seen(here), camera, 0.04, {}, state)->is_new);
-  const auto after = track_plane(kSquare, seen(there), camera, 3, {}, state);
+  EXPECT_TRUE(track_plane(kTrackedSquare, seen(here), camera, 0, {}, state)->is_new);
+  EXPECT_FALSE(track_plane(kTrackedSquare, seen(here), camera, 0.04, {}, state)->is_new);
+  const auto after = track_plane(kTrackedSquare, seen(there), camera, 3, {}, state);
   EXPECT_TRUE(after->is_new);
   EXPECT_LT((after->steady.translation - there.translation).norm(), 1e-6);
   PlanarTrackOptions bad;
   bad.leash_px = 0;
-  EXPECT_THROW((void)track_plane(kSquare, seen(here), camera, 4, bad, state),
+  EXPECT_THROW((void)track_plane(kTrackedSquare, seen(here), camera, 4, bad, state),
                std::invalid_argument);
 }
 

@@ -2,6 +2,7 @@
 #include "tarsier/geometry/rigid3.h"
 
 #include "tarsier/core/rng.h"
+#include "tarsier/geometry/testing_vectors.h"
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -19,8 +20,6 @@ using Eigen::Vector3d;
 using Eigen::Vector4d;
 
 constexpr double kPi = std::numbers::pi;
-
-Vector3d random_vector(Rng& rng) { return {rng.normal(), rng.normal(), rng.normal()}; }
 
 Rigid3 random_motion(Rng& rng) { return {rotation_by(random_vector(rng)), random_vector(rng)}; }
 

@@ -2,6 +2,7 @@
 #include "tarsier/geometry/sim3.h"
 
 #include "tarsier/core/rng.h"
+#include "tarsier/geometry/testing_vectors.h"
 
 #include <gtest/gtest.h>
 
@@ -13,8 +14,6 @@ namespace {
 
 using Eigen::Matrix3Xd;
 using Eigen::Vector3d;
-
-Vector3d random_vector(Rng& rng) { return {rng.normal(), rng.normal(), rng.normal()}; }
 
 Sim3 random_similarity(Rng& rng) {
   return {std::exp(rng.normal()), rotation_by(random_vector(rng)), random_vector(rng)};

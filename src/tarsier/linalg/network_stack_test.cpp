@@ -1,18 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/linalg/network_stack.h"
 
+#include "tarsier/linalg/testing_noise.h"
+
 #include <gtest/gtest.h>
 
 #include <stdexcept>
 
 namespace tarsier::linalg {
 namespace {
-
-std::vector<float> noise(std::size_t count, Rng& rng) {
-  std::vector<float> values(count);
-  for (float& value : values) value = static_cast<float>(rng.normal());
-  return values;
-}
 
 Network with_biases(Network network, Rng& rng) {
   initialize(network, rng);

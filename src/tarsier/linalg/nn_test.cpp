@@ -4,6 +4,7 @@
 #include "tarsier/linalg/gemm.h"
 #include "tarsier/linalg/losses.h"
 #include "tarsier/linalg/network.h"
+#include "tarsier/linalg/testing_noise.h"
 #include "tarsier/linalg/trainer.h"
 
 #include <gmock/gmock.h>
@@ -16,12 +17,6 @@
 
 namespace tarsier::linalg {
 namespace {
-
-std::vector<float> noise(std::size_t count, Rng& rng) {
-  std::vector<float> values(count);
-  for (float& value : values) value = static_cast<float>(rng.normal());
-  return values;
-}
 
 // Every kind of layer, odd sizes, stride, dilation, uneven padding.
 Network small_network(Rng& rng) {

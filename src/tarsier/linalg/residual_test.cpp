@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/linalg/residual.h"
 
+#include "tarsier/linalg/testing_noise.h"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -107,18 +109,12 @@ ResidualNetwork random_network(Rng& rng) {
   return network;
 }
 
-std::vector<float> noise(const Shape& shape, Rng& rng) {
-  std::vector<float> values(shape.size());
-  for (float& value : values) value = static_cast<float>(rng.normal());
-  return values;
-}
-
 TEST(Residual, AgreesWithPlainLoops) {
   Rng rng(5);
   const ResidualNetwork network = random_network(rng);
   ResidualWorkspace workspace;
   for (const Shape shape : {Shape{3, 95, 95}, Shape{3, 90, 61}, Shape{3, 77, 100}}) {
-    const std::vector<float> input = noise(shape, rng);
+    const std::vector<float> input = noise(shape.size(), rng);
     const std::vector<double> expected =
         plain(network, {shape, std::vector<double>(input.begin(), input.end())});
     const std::vector<float>& result = run(network, input.data(), shape, workspace);
@@ -136,7 +132,7 @@ TEST(Residual, ABlockIsItsShortcutWhereItsConvolutionsAreZero) {
   Rng rng(6);
   ResidualNetwork network = random_network(rng);
   const Shape shape{3, 95, 95};
-  const std::vector<float> input = noise(shape, rng);
+  const std::vector<float> input = noise(shape.size(), rng);
   for (ResidualBlock* block : {&network.blocks[0], &network.blocks[2]}) {
     std::fill(block->second.weights.begin(), block->second.weights.end(), 0.0F);
     std::fill(block->second.bias.begin(), block->second.bias.end(), 0.0F);
@@ -153,8 +149,8 @@ TEST(Residual, AReusedWorkspaceDoesNotChangeTheResult) {
   const ResidualNetwork network = random_network(rng);
   const Shape small{3, 95, 95};
   const Shape large{3, 101, 120};
-  const std::vector<float> input = noise(small, rng);
-  const std::vector<float> other = noise(large, rng);
+  const std::vector<float> input = noise(small.size(), rng);
+  const std::vector<float> other = noise(large.size(), rng);
   ResidualWorkspace fresh;
   ResidualWorkspace used;
   (void)run(network, other.data(), large, used);
@@ -175,7 +171,7 @@ TEST(Residual, RefusesInconsistentBlocks) {
   Rng rng(9);
   const ResidualNetwork good = random_network(rng);
   ResidualWorkspace workspace;
-  const std::vector<float> input = noise({3, 95, 95}, rng);
+  const std::vector<float> input = noise(Shape{3, 95, 95}.size(), rng);
   EXPECT_THROW((void)run(good, input.data(), {3, 12, 95}, workspace), std::invalid_argument);
   EXPECT_THROW((void)run(good, input.data(), {2, 95, 95}, workspace), std::invalid_argument);
 

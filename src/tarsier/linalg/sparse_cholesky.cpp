@@ -17,14 +17,6 @@ constexpr double kTileSpeedup = 6;  // tile operations that take the time of one
 // Solutions per factorization, in operations, from which it is costly.
 constexpr double kMinCostlySolutions = 200;
 
-class ElementCholesky : public Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> {
- public:
-  // Multiplications of a factorization if each element is a block of `block` rows and columns.
-  [[nodiscard]] double operations(double block = 1) const {
-    return block * (block * m_nonZerosPerCol.cast<double>()).squaredNorm() / 2;
-  }
-};
-
 // Each element of the upper triangle is a block.
 BlockPattern pattern_of(const Eigen::SparseMatrix<double>& a) {
   BlockPattern pattern;
@@ -78,6 +70,14 @@ Eigen::VectorXd product_of(const BlockPattern& pattern, const double* values,
 
 // Uses elements or tiles; the other one is empty.
 struct SparseCholesky::Factor {
+  class ElementCholesky : public Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Upper> {
+   public:
+    // Multiplications of a factorization if each element is a block of `block` rows and columns.
+    [[nodiscard]] double operations(double block = 1) const {
+      return block * (block * m_nonZerosPerCol.cast<double>()).squaredNorm() / 2;
+    }
+  };
+
   std::optional<ElementCholesky> elements;
   std::optional<TileCholesky> tiles;
   BlockPattern pattern;                // if it was given
@@ -144,7 +144,7 @@ void SparseCholesky::analyze(const Eigen::SparseMatrix<double>& a) {
 void SparseCholesky::analyze(const BlockPattern& pattern) {
   factor_ = std::make_unique<Factor>();
   factor_->pattern = pattern;
-  ElementCholesky blocks;
+  Factor::ElementCholesky blocks;
   blocks.analyzePattern(graph_of(pattern));
   const double operations =
       blocks.operations(static_cast<double>(pattern.size()) / std::max(1, pattern.variables()));

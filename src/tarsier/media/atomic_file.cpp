@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
+#include "tarsier/media/file_descriptor.h"
 
 #include <fmt/format.h>
 
@@ -23,29 +24,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string reason_of(int error) { return std::generic_category().message(error); }
-
-[[noreturn]] void fail(const std::string& path, std::string_view doing, int error) {
-  throw OutputError(path, fmt::format("{}: {}", doing, reason_of(error)));
-}
-
-class Descriptor {
- public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  ~Descriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  [[nodiscard]] int get() const { return fd_; }
-  // Network file systems report a full disk only at close().
-  [[nodiscard]] int close() { return ::close(std::exchange(fd_, -1)); }
-  [[nodiscard]] int release() { return std::exchange(fd_, -1); }
-
- private:
-  int fd_;
-};
-
 bool sync_is_unsupported(int error) {
   return error == EINVAL || error == ENOTSUP || error == ENOSYS || error == EROFS;
 }
@@ -55,15 +33,15 @@ fs::path folder_of(const std::string& path) {
   return folder.empty() ? fs::path(".") : folder;
 }
 
-constexpr std::string_view kMark = ".tarsier-";
+constexpr std::string_view kTemporaryMark = ".tarsier-";
 constexpr std::size_t kDigits = 6;
 constexpr std::uintmax_t kMaxRemoved = 10'000'000;  // bytes that are removed without a warning
 
 // ".STEM.tarsier-012abc.ENDING": the names of make_temporary().
 bool is_temporary_name(std::string_view name) {
-  const std::size_t mark = name.rfind(kMark);
+  const std::size_t mark = name.rfind(kTemporaryMark);
   if (!name.starts_with('.') || mark == std::string_view::npos || mark < 2) return false;
-  const std::string_view rest = name.substr(mark + kMark.size());
+  const std::string_view rest = name.substr(mark + kTemporaryMark.size());
   return rest.size() >= kDigits &&
          rest.substr(0, kDigits).find_first_not_of("0123456789abcdef") == std::string_view::npos &&
          (rest.size() == kDigits || rest[kDigits] == '.');
@@ -98,7 +76,7 @@ void remove_abandoned(const fs::path& folder) {
        entry.increment(error)) {
     const std::string path = entry->path().string();
     if (!is_temporary_name(entry->path().filename().string())) continue;
-    const Descriptor fd(::open(path.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
+    const FileDescriptor fd(::open(path.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
     if (fd.get() < 0 || ::fstat(fd.get(), &info) != 0) continue;
     const bool is_ours =
         (S_ISREG(info.st_mode) || S_ISDIR(info.st_mode)) && info.st_uid == ::geteuid();
@@ -134,7 +112,7 @@ std::string temporary_name(const std::string& target, std::random_device& random
   const std::string stem = file.stem().string().substr(0, 180);  // names end at 255 bytes
   const std::string extension = file.extension().string().substr(0, 32);
   const std::string name =
-      fmt::format(".{}{}{:06x}{}", stem, kMark, random() & 0xFFFFFFU, extension);
+      fmt::format(".{}{}{:06x}{}", stem, kTemporaryMark, random() & 0xFFFFFFU, extension);
   return (folder_of(target) / name).string();
 }
 
@@ -145,7 +123,7 @@ Temporary make_temporary(const std::string& target, const struct ::stat* existin
   std::random_device random;
   for (int attempt = 0; attempt < 100; ++attempt) {
     const std::string path = temporary_name(target, random);
-    Descriptor fd(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+    FileDescriptor fd(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
     if (fd.get() >= 0) {
       if (!take(fd.get())) continue;
       if (existing != nullptr) (void)::fchmod(fd.get(), existing->st_mode & 0777);
@@ -153,8 +131,8 @@ Temporary make_temporary(const std::string& target, const struct ::stat* existin
     }
     if (errno != EEXIST) {
       const int error = errno;
-      if (error == ENOENT) fail(target, "no such folder", error);
-      fail(target, "cannot create a file in this folder", error);
+      if (error == ENOENT) fail_to_write(target, "no such folder", error);
+      fail_to_write(target, "cannot create a file in this folder", error);
     }
   }
   throw OutputError(target, "cannot find a free name for a temporary file");
@@ -162,19 +140,23 @@ Temporary make_temporary(const std::string& target, const struct ::stat* existin
 
 }  // namespace
 
+void fail_to_write(const std::string& path, std::string_view reason, int error) {
+  throw OutputError(path, fmt::format("{}: {}", reason, errno_text(error)));
+}
+
 void write_all(int fd, std::string_view bytes, const std::string& path) {
   while (!bytes.empty()) {
     const ssize_t written = ::write(fd, bytes.data(), bytes.size());
     if (written < 0) {
       if (errno == EINTR) continue;
-      fail(path, "cannot write", errno);
+      fail_to_write(path, "cannot write", errno);
     }
     bytes.remove_prefix(static_cast<std::size_t>(written));
   }
 }
 
 void sync_folder(const std::string& path) {
-  const Descriptor folder(::open(folder_of(path).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  const FileDescriptor folder(::open(folder_of(path).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (folder.get() >= 0) (void)::fsync(folder.get());
 }
 
@@ -182,10 +164,10 @@ AtomicFile::AtomicFile(std::string target) : target_(std::move(target)) {
   if (target_.empty()) throw OutputError("\"\"", "no file name given");
   struct ::stat info {};
   const bool exists = ::stat(target_.c_str(), &info) == 0;
-  if (!exists && errno != ENOENT) fail(target_, "cannot write", errno);
+  if (!exists && errno != ENOENT) fail_to_write(target_, "cannot write", errno);
   if (exists && S_ISDIR(info.st_mode)) throw OutputError(target_, "is a folder, not a file");
   if (!exists && target_.back() == '/') throw OutputError(target_, "names a folder, not a file");
-  if (exists && ::access(target_.c_str(), W_OK) != 0) fail(target_, "cannot write", errno);
+  if (exists && ::access(target_.c_str(), W_OK) != 0) fail_to_write(target_, "cannot write", errno);
   if (exists && !S_ISREG(info.st_mode)) {
     temporary_ = target_;  // a device or pipe: rename is impossible
     return;
@@ -213,13 +195,14 @@ void AtomicFile::commit() {
     committed_ = true;
     return;
   }
-  Descriptor fd(::open(temporary_.c_str(), O_RDONLY | O_CLOEXEC));
-  if (fd.get() < 0) fail(target_, "cannot reopen what was written", errno);
+  FileDescriptor fd(::open(temporary_.c_str(), O_RDONLY | O_CLOEXEC));
+  if (fd.get() < 0) fail_to_write(target_, "cannot reopen what was written", errno);
   if (::fsync(fd.get()) != 0 && !sync_is_unsupported(errno)) {
-    fail(target_, "cannot write to the disk", errno);
+    fail_to_write(target_, "cannot write to the disk", errno);
   }
-  if (fd.close() != 0) fail(target_, "cannot write to the disk", errno);
-  if (::rename(temporary_.c_str(), target_.c_str()) != 0) fail(target_, "cannot rename", errno);
+  if (fd.close() != 0) fail_to_write(target_, "cannot write to the disk", errno);
+  if (::rename(temporary_.c_str(), target_.c_str()) != 0)
+    fail_to_write(target_, "cannot rename", errno);
   committed_ = true;
   sync_folder(target_);
 }
@@ -227,10 +210,10 @@ void AtomicFile::commit() {
 void write_file_atomically(const std::string& path, std::string_view bytes) {
   AtomicFile file(path);
   {
-    Descriptor fd(::open(file.path().c_str(), O_WRONLY | O_CLOEXEC));
-    if (fd.get() < 0) fail(path, "cannot write", errno);
+    FileDescriptor fd(::open(file.path().c_str(), O_WRONLY | O_CLOEXEC));
+    if (fd.get() < 0) fail_to_write(path, "cannot write", errno);
     write_all(fd.get(), bytes, path);
-    if (fd.close() != 0) fail(path, "cannot write", errno);
+    if (fd.close() != 0) fail_to_write(path, "cannot write", errno);
   }
   file.commit();
 }
@@ -259,9 +242,9 @@ AtomicFolder::AtomicFolder(std::string target) : target_(std::move(target)) {
     const std::string path = temporary_name(target_, random);
     if (::mkdir(path.c_str(), 0700) != 0) {
       if (errno == EEXIST) continue;
-      fail(target_, "cannot create the folder", errno);
+      fail_to_write(target_, "cannot create the folder", errno);
     }
-    Descriptor fd(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+    FileDescriptor fd(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
     if (fd.get() < 0 || !take(fd.get())) continue;
     temporary_ = path;
     lock_ = fd.release();
@@ -287,7 +270,8 @@ void AtomicFolder::commit() {
   if (committed_) return;
   if (temporary_ != target_) {
     (void)::fsync(lock_);
-    if (::rename(temporary_.c_str(), target_.c_str()) != 0) fail(target_, "cannot rename", errno);
+    if (::rename(temporary_.c_str(), target_.c_str()) != 0)
+      fail_to_write(target_, "cannot rename", errno);
     sync_folder(target_);
   }
   committed_ = true;

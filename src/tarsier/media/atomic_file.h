@@ -59,6 +59,8 @@ class AtomicFolder {
   bool committed_ = false;
 };
 
+// Throws OutputError: "<path>: <reason>: <the system's text for `error`, a value of errno>".
+[[noreturn]] void fail_to_write(const std::string& path, std::string_view reason, int error);
 // Writes all of `bytes` to an open file; continues after signals. Throws OutputError(path, ..).
 void write_all(int fd, std::string_view bytes, const std::string& path);
 // Syncs the folder of a file. A new or renamed file survives a power cut only after this.

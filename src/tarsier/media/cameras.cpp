@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/media/cameras.h"
 
+#include "tarsier/core/errors.h"
+
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -196,7 +198,7 @@ std::string camera_error(const std::string& path) {
       case EBUSY:
         return fmt::format("{} is in use by another program", path);
       default:
-        return fmt::format("{}: {}", path, std::generic_category().message(device.error()));
+        return fmt::format("{}: {}", path, errno_text(device.error()));
     }
   }
   v4l2_capability capability{};

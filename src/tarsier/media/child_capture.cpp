@@ -6,6 +6,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/media/cameras.h"
 #include "tarsier/media/capture_protocol.h"
+#include "tarsier/media/file_descriptor.h"
 #include "tarsier/media/http_protocol.h"
 #include "tarsier/media/mjpeg_parser.h"
 #include "tarsier/media/tcp.h"
@@ -37,8 +38,6 @@ constexpr int kPipeBytes = 1 << 20;
 // For slow USB cameras, and RTSP streams that wait for a key frame.
 constexpr double kCameraStartup_s = 10;
 
-std::string error_text(int number) { return std::generic_category().message(number); }
-
 // Killed children that are still in an uninterruptible system call (a USB driver). They are reaped
 // when that call returns.
 class Unreaped {
@@ -64,25 +63,6 @@ Unreaped& unreaped() {
   static Unreaped instance;
   return instance;
 }
-
-class Descriptor {
- public:
-  Descriptor() = default;
-  ~Descriptor() { close(); }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  void reset(int descriptor) {
-    close();
-    descriptor_ = descriptor;
-  }
-  void close() {
-    if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
-  }
-  [[nodiscard]] int get() const { return descriptor_; }
-
- private:
-  int descriptor_ = -1;
-};
 
 class ChildBackend final : public LiveBackend {
  public:
@@ -110,8 +90,8 @@ class ChildBackend final : public LiveBackend {
   const ChildCommand command_;
   std::string detail_;
   pid_t child_ = -1;
-  Descriptor output_;
-  Descriptor messages_;
+  FileDescriptor output_;
+  FileDescriptor messages_;
   std::string message_tail_;
   CaptureParser records_;
   MjpegParser jpegs_;
@@ -131,17 +111,17 @@ std::optional<LiveFailure> ChildBackend::spawn() {
   int messages[2];
   if (::pipe2(output, O_CLOEXEC) != 0) {
     return LiveFailure{.reason =
-                           fmt::format("no pipe for the capture program: {}", error_text(errno))};
+                           fmt::format("no pipe for the capture program: {}", errno_text(errno))};
   }
   output_.reset(output[0]);
-  Descriptor output_end;
+  FileDescriptor output_end;
   output_end.reset(output[1]);
   if (::pipe2(messages, O_CLOEXEC) != 0) {
     return LiveFailure{.reason =
-                           fmt::format("no pipe for the capture program: {}", error_text(errno))};
+                           fmt::format("no pipe for the capture program: {}", errno_text(errno))};
   }
   messages_.reset(messages[0]);
-  Descriptor messages_end;
+  FileDescriptor messages_end;
   messages_end.reset(messages[1]);
   ::fcntl(output_.get(), F_SETPIPE_SZ, kPipeBytes);  // a smaller pipe works, too
   ::fcntl(output_.get(), F_SETFL, O_NONBLOCK);
@@ -190,7 +170,7 @@ std::optional<LiveFailure> ChildBackend::spawn() {
   ::posix_spawnattr_destroy(&attributes);
   if (result != 0) {
     return LiveFailure{
-        .reason = fmt::format("cannot start {}: {}", command_.arguments[0], error_text(result)),
+        .reason = fmt::format("cannot start {}: {}", command_.arguments[0], errno_text(result)),
         .permanent = true};
   }
   child_ = child;
@@ -236,7 +216,7 @@ void ChildBackend::drain_messages() {
   while (true) {
     const ssize_t count = ::read(messages_.get(), text, sizeof text);
     if (count < 0 && errno == EINTR) continue;
-    if (count == 0) messages_.close();
+    if (count == 0) messages_.reset();
     if (count <= 0) return;
     message_tail_.append(text, static_cast<std::size_t>(count));
     if (message_tail_.size() > sizeof text) message_tail_.erase(0, message_tail_.size() - 2048);
@@ -299,8 +279,8 @@ LiveFailure ChildBackend::exit_failure() {
 
 // Kills the child and its process group; returns the wait status, 0 if unknown.
 int ChildBackend::end_child() {
-  output_.close();
-  messages_.close();
+  output_.reset();
+  messages_.reset();
   if (child_ < 0) return 0;
   const pid_t child = std::exchange(child_, -1);
   int status = 0;

@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 
 constexpr int kMaxConnections = 32;
 constexpr int kMaxConnectionsPerAddress = 16;
-constexpr std::int64_t kMaxBytes = 10'000'000;
+constexpr std::int64_t kMaxCropBytes = 10'000'000;
 constexpr std::string_view kEnding = ".jpg";
 constexpr std::string_view kPath = "/crop/";
 
@@ -93,8 +93,8 @@ bool CropServer::respond(MHD_Connection* connection, std::string_view path) {
   if (!is_hash(hash))
     return HttpService::refuse(connection, MHD_HTTP_NOT_FOUND, "there is /crop/SHA256.jpg");
   try {
-    const std::string jpeg =
-        read_file((fs::path(options_.folder) / (hash + std::string(kEnding))).string(), kMaxBytes);
+    const std::string jpeg = read_file(
+        (fs::path(options_.folder) / (hash + std::string(kEnding))).string(), kMaxCropBytes);
     return HttpService::send(connection, MHD_HTTP_OK, jpeg, "image/jpeg");
   } catch (const InputError&) {
     return HttpService::refuse(connection, MHD_HTTP_NOT_FOUND, "no such image, or no longer");

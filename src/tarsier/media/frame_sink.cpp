@@ -93,8 +93,7 @@ class FolderSink final : public FrameSink {
       : path_(std::move(path)), options_(options) {
     make_folder(path_);
     if (::access(path_.c_str(), W_OK | X_OK) != 0) {
-      throw OutputError(path_,
-                        "cannot write into this folder: " + std::generic_category().message(errno));
+      throw OutputError(path_, "cannot write into this folder: " + errno_text(errno));
     }
   }
 

@@ -89,9 +89,7 @@ bool has_video_ending(const std::string& path) {
 // in error messages.
 SourceKind classify_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
-  if (!file)
-    throw InputError(path,
-                     fmt::format("cannot be read: {}", std::generic_category().message(errno)));
+  if (!file) throw InputError(path, fmt::format("cannot be read: {}", errno_text(errno)));
   std::array<char, 4096> bytes{};
   file.read(bytes.data(), bytes.size());
   const std::span<const std::uint8_t> head(reinterpret_cast<const std::uint8_t*>(bytes.data()),

@@ -47,7 +47,7 @@ class FrameSourceTest : public ::testing::Test {
     return path(name);
   }
   std::string image(const std::string& name, int number) const {
-    return write(name, testing::jpeg_of(number));
+    return write(name, test_support::jpeg_of(number));
   }
   std::string video(const std::string& name, int frames, double fps) const {
     cv::VideoWriter writer(path(name), cv::CAP_OPENCV_MJPEG,
@@ -71,7 +71,7 @@ Read read_all(FrameSource& source) {
   while (auto frame = source.next(milliseconds(1000), {})) {
     EXPECT_EQ(frame->index, static_cast<std::int64_t>(result.frames.size()));
     result.names.push_back(fs::path(frame->name).filename().string());
-    result.numbers.push_back(testing::number_of(frame->image));
+    result.numbers.push_back(test_support::number_of(frame->image));
     result.frames.push_back(std::move(*frame));
   }
   EXPECT_TRUE(source.ended());
@@ -114,7 +114,7 @@ TEST_F(FrameSourceTest, KindsAreClassified) {
   EXPECT_EQ(kind(image("an image ! [1] pipeline.jpg", 1)), SourceKind::kImage);
   EXPECT_EQ(kind(image("no-ending", 1)), SourceKind::kImage);
   EXPECT_EQ(kind(video("v.avi", 2, 10)), SourceKind::kVideo);
-  EXPECT_EQ(kind(write("stream.mjpeg", testing::jpeg_of(1) + testing::jpeg_of(2))),
+  EXPECT_EQ(kind(write("stream.mjpeg", test_support::jpeg_of(1) + test_support::jpeg_of(2))),
             SourceKind::kVideo);
 }
 
@@ -217,7 +217,7 @@ TEST_F(FrameSourceTest, UnreadableImagesAmongSeveralAreSkippedAndReported) {
   image("1.jpg", 1);
   write("2.jpg", "this is no image");
   image("3.jpg", 3);
-  write("4.png", testing::jpeg_of(4).substr(0, 200));
+  write("4.png", test_support::jpeg_of(4).substr(0, 200));
   const auto source = open_source(folder_.string());
   EXPECT_THAT(read_all(*source).numbers, ElementsAre(1, 3));
   ASSERT_EQ(source->skipped().size(), 2U);

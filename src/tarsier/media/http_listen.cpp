@@ -108,7 +108,7 @@ int listen_on(const std::string& url, ListenAddress& address) {
     throw OutputError(url,
                       error == EADDRINUSE
                           ? "the port is taken by another program: choose another, or 0 for any"
-                          : "cannot listen: " + std::generic_category().message(error));
+                          : "cannot listen: " + errno_text(error));
   };
   const int fd = ::socket(address.ipv6 ? AF_INET6 : AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
   if (fd < 0) fail(errno);

@@ -33,7 +33,7 @@ namespace tarsier {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-using Bytes = std::vector<std::uint8_t>;
+using Jpeg = std::vector<std::uint8_t>;
 
 constexpr std::string_view kBoundary = "tarsier-frame";
 
@@ -98,7 +98,7 @@ class HttpSink final : public FrameSink {
     cv::Mat raw;
     std::int64_t number = 0;
     bool encoding = false;
-    std::shared_ptr<const Bytes> jpeg;
+    std::shared_ptr<const Jpeg> jpeg;
   };
 
   // One stream with a viewer.
@@ -107,7 +107,7 @@ class HttpSink final : public FrameSink {
     int socket = -1;
     std::int64_t last = 0;  // number of the last sent image
     std::string head;       // of the part
-    std::shared_ptr<const Bytes> jpeg;
+    std::shared_ptr<const Jpeg> jpeg;
     std::size_t sent = 0;  // of head, jpeg and tail together
   };
 
@@ -125,8 +125,8 @@ class HttpSink final : public FrameSink {
 
   // The newest image that is newer than `last`, encoded; null if none came in time or the sink
   // closes.
-  std::shared_ptr<const Bytes> wait_for_image(std::int64_t& last,
-                                              std::chrono::milliseconds timeout) {
+  std::shared_ptr<const Jpeg> wait_for_image(std::int64_t& last,
+                                             std::chrono::milliseconds timeout) {
     std::unique_lock lock(mutex_);
     const auto is_new = [&] { return closing_ || (newest_ != nullptr && newest_->number > last); };
     if (!changed_.wait_for(lock, timeout, is_new) || newest_ == nullptr || newest_->number <= last)
@@ -143,9 +143,9 @@ class HttpSink final : public FrameSink {
     if (slot->jpeg == nullptr) {
       slot->encoding = true;
       lock.unlock();
-      std::shared_ptr<const Bytes> jpeg;
+      std::shared_ptr<const Jpeg> jpeg;
       try {
-        jpeg = std::make_shared<const Bytes>(
+        jpeg = std::make_shared<const Jpeg>(
             encode_image(".jpg", slot->raw, url_, options_.jpeg_quality));
       } catch (const std::exception& error) {
         log_warning("{}", error.what());

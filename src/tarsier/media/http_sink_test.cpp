@@ -185,7 +185,7 @@ std::string start_stream(Client& client, const std::string& path = "/stream.mjpg
   return boundary;
 }
 
-cv::Mat filled(int value, int width = 64, int height = 48) {
+cv::Mat uniform(int value, int width = 64, int height = 48) {
   return {height, width, CV_8UC3, cv::Scalar::all(value)};
 }
 
@@ -207,11 +207,11 @@ std::unique_ptr<FrameSink> open_local(const SinkOptions& options = {}) {
 TEST(HttpSink, StreamsEachImageAsAPartWithItsLength) {
   const auto sink = open_local();
   EXPECT_THAT(sink->description(), HasSubstr("(0 viewers)"));
-  (void)sink->write(filled(40), {});
+  (void)sink->write(uniform(40), {});
   Client client(port_of(*sink));
   const std::string boundary = start_stream(client);
   for (int value = 40; value < 240; value += 40) {
-    if (value > 40) (void)sink->write(filled(value), {});
+    if (value > 40) (void)sink->write(uniform(value), {});
     const cv::Mat image = decoded(read_part(client, boundary));
     EXPECT_EQ(image.size(), cv::Size(64, 48));
     EXPECT_NEAR(image.at<cv::Vec3b>(20, 20)[1], value, 3);
@@ -219,7 +219,7 @@ TEST(HttpSink, StreamsEachImageAsAPartWithItsLength) {
   EXPECT_THAT(sink->description(), HasSubstr("(1 viewer)"));
   sink->finish();
   EXPECT_EQ(client.rest(), "");
-  EXPECT_THROW((void)sink->write(filled(1), {}), std::invalid_argument);
+  EXPECT_THROW((void)sink->write(uniform(1), {}), std::invalid_argument);
 }
 
 TEST(HttpSink, EarlyViewerWaitsForFirstImage) {
@@ -249,7 +249,7 @@ TEST(HttpSink, SlowViewerDelaysNeitherProducerNorOthers) {
   const std::string boundary = start_stream(quick);
   (void)read_part(quick, boundary);
   for (int i = 0; i < 100; ++i) {
-    (void)sink->write(i == 99 ? filled(200) : noise, {});
+    (void)sink->write(i == 99 ? uniform(200) : noise, {});
     const std::string jpeg = read_part(quick, boundary);
     if (i == 99) {
       EXPECT_NEAR(decoded(jpeg).at<cv::Vec3b>(9, 9)[0], 200, 3);
@@ -272,7 +272,7 @@ TEST(HttpSink, SlowViewerDelaysNeitherProducerNorOthers) {
 TEST(HttpSink, DetectsDisconnectWithoutImages) {
   const auto sink = open_local();
   const int port = port_of(*sink);
-  (void)sink->write(filled(1), {});
+  (void)sink->write(uniform(1), {});
   {
     Client client(port);
     const std::string boundary = start_stream(client);
@@ -303,8 +303,8 @@ TEST(HttpSink, SnapshotIsTheNewestImage) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   EXPECT_EQ(ask(port, "/snapshot.jpg").status, 503);
-  (void)sink->write(filled(10), {});
-  (void)sink->write(filled(170), {});
+  (void)sink->write(uniform(10), {});
+  (void)sink->write(uniform(170), {});
   for (int i = 0; i < 2; ++i) {
     const Reply reply = ask(port, "/snapshot.jpg");
     EXPECT_EQ(reply.status, 200);
@@ -317,20 +317,20 @@ TEST(HttpSink, HealthReportsFramesViewersAndAge) {
   const auto sink = open_local();
   const int port = port_of(*sink);
   EXPECT_TRUE(health(port)["seconds_since_frame"].is_null());
-  (void)sink->write(filled(10), {});
+  (void)sink->write(uniform(10), {});
   const Reply reply = ask(port, "/healthz");
   EXPECT_EQ(header(reply.headers, "Content-Type"), "application/json");
-  const nlohmann::json json = nlohmann::json::parse(reply.body);
-  EXPECT_EQ(json["frames"], 1);
-  EXPECT_EQ(json["viewers"], 0);
-  EXPECT_GE(json["seconds_since_frame"].get<double>(), 0);
-  EXPECT_TRUE(json["state"] == "live" || json["state"] == "stale");
+  const nlohmann::json state = nlohmann::json::parse(reply.body);
+  EXPECT_EQ(state["frames"], 1);
+  EXPECT_EQ(state["viewers"], 0);
+  EXPECT_GE(state["seconds_since_frame"].get<double>(), 0);
+  EXPECT_TRUE(state["state"] == "live" || state["state"] == "stale");
 }
 
 TEST(HttpSink, BrowsersGetAPageAndOthersTheStream) {
   const auto sink = open_local();
   const int port = port_of(*sink);
-  (void)sink->write(filled(10), {});
+  (void)sink->write(uniform(10), {});
   const Reply page =
       ask(port, "/", "Host: localhost:" + std::to_string(port) + "\r\nAccept: text/html,*/*\r\n");
   EXPECT_EQ(page.status, 200);
@@ -374,7 +374,7 @@ TEST(HttpSink, RejectsForeignHostsAndOrigins) {
 TEST(HttpSink, AcceptsOnlyGetAndHeadOfKnownPaths) {
   const auto sink = open_local();
   const int port = port_of(*sink);
-  (void)sink->write(filled(10), {});
+  (void)sink->write(uniform(10), {});
   for (const char* path : {"/x", "/../etc/passwd", "/stream.mjpg/", "//", "/%2e%2e/"})
     EXPECT_EQ(ask(port, path).status, 404) << path;
   const Reply post = ask(port, "/healthz", "Host: 127.0.0.1\r\nContent-Length: 5\r\n", "POST");
@@ -428,7 +428,7 @@ TEST(HttpSink, RequiresTheTokenIfThereIsOne) {
   options.token = "0123456789abcdef-secret";
   const auto sink = open_local(options);
   const int port = port_of(*sink);
-  (void)sink->write(filled(10), {});
+  (void)sink->write(uniform(10), {});
   for (const char* path :
        {"/", "/stream.mjpg", "/snapshot.jpg", "/healthz", "/nothing",
         "/healthz?token=", "/healthz?token=0123456789abcdef-secreT",
@@ -504,7 +504,7 @@ TEST(HttpSink, ViewersBeyondTheLimitAreRefused) {
   options.max_viewers = 2;
   const auto sink = open_local(options);
   const int port = port_of(*sink);
-  (void)sink->write(filled(10), {});
+  (void)sink->write(uniform(10), {});
   Client a(port);
   Client b(port);
   (void)start_stream(a);
@@ -521,7 +521,7 @@ TEST(HttpSink, ListensOnIpv6Loopback) {
     GTEST_SKIP() << "no IPv6 here";
   }
   EXPECT_THAT(sink->description(), StartsWith("http://[::1]:"));
-  (void)sink->write(filled(10), {});
+  (void)sink->write(uniform(10), {});
   Client client(port_of(*sink), true);
   client.get("/snapshot.jpg", "Host: [::1]:" + std::to_string(port_of(*sink)) + "\r\n");
   EXPECT_EQ(read_head(client).status, 200);
@@ -532,7 +532,7 @@ TEST(HttpSink, ViewersMayJoinAndLeaveWhileStreaming) {
   const int port = port_of(*sink);
   std::atomic<bool> done = false;
   std::thread producer([&] {
-    for (int i = 0; !done; ++i) (void)sink->write(filled(i % 256, 32 + i % 3, 32), {});
+    for (int i = 0; !done; ++i) (void)sink->write(uniform(i % 256, 32 + i % 3, 32), {});
   });
   std::vector<std::thread> viewers;
   std::atomic<int> parts = 0;

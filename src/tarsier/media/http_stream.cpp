@@ -31,9 +31,6 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr int kMaxRedirects = 3;
-// Maximum duration of a step before the stop token is checked.
-constexpr milliseconds kSlice{50};
-
 // An http or https address.
 struct Endpoint {
   HttpUrl url;
@@ -194,7 +191,7 @@ ssize_t HttpBackend::receive_some() {
 // Reads everything that has arrived, for at most 50 ms, because a server that sends without pause
 // must not block the display. Returns false if the connection is broken.
 bool HttpBackend::receive(bool& closed) {
-  const Clock::time_point end = Clock::now() + kSlice;
+  const Clock::time_point end = Clock::now() + kStopCheckInterval;
   while (Clock::now() < end) {
     const ssize_t count = receive_some();
     if (count < 0) {
@@ -311,8 +308,9 @@ LiveRead HttpBackend::read(milliseconds timeout, const std::stop_token& stop) {
     if (!socket_.is_open()) {  // between two snapshots
       const Clock::time_point now = Clock::now();
       if (now < next_snapshot_) {
-        const auto pause = std::min<Clock::duration>(
-            {kSlice, next_snapshot_ - now, std::max(Clock::duration(0), deadline - now)});
+        const auto pause =
+            std::min<Clock::duration>({kStopCheckInterval, next_snapshot_ - now,
+                                       std::max(Clock::duration(0), deadline - now)});
         sleep_unless_stopped(std::chrono::ceil<milliseconds>(pause), stop);
         continue;
       }

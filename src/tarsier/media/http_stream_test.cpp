@@ -15,11 +15,8 @@ namespace tarsier {
 namespace {
 
 using std::chrono::milliseconds;
-using testing::HttpServer;
-
-std::span<const std::uint8_t> bytes_of(std::string_view text) {
-  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
-}
+using test_support::bytes_of;
+using test_support::HttpServer;
 
 TEST(Url, IsParsed) {
   const HttpUrl url = parse_url("HTTP://me:p%40ss:w@[::1]:8081/a/b?c=d#e", "http", 80);
@@ -153,7 +150,7 @@ Outcome read_frames(LiveBackend& backend, std::size_t count) {
   for (int i = 0; i < 200 && outcome.numbers.size() < count && !outcome.ended; ++i) {
     LiveRead read = backend.read(milliseconds(100), never);
     if (read.kind == LiveRead::Kind::kFrame) {
-      outcome.numbers.push_back(testing::number_of(decode_image(read.image.encoded, "frame")));
+      outcome.numbers.push_back(test_support::number_of(decode_image(read.image.encoded, "frame")));
     } else if (read.kind == LiveRead::Kind::kEnded) {
       outcome.failure = read.failure;
       outcome.ended = true;
@@ -252,7 +249,7 @@ TEST(HttpStream, AMissingServerIsAPermanentFailure) {
 TEST(HttpStream, SnapshotsArePolled) {
   std::atomic<int> number{1};
   HttpServer server([&number](const std::string&) {
-    const std::string jpeg = testing::jpeg_of(number++);
+    const std::string jpeg = test_support::jpeg_of(number++);
     return HttpServer::Reply{"HTTP/1.1 200 OK\r\nContent-Type: image/jpeg\r\nContent-Length: " +
                                  std::to_string(jpeg.size()) + "\r\n\r\n" + jpeg,
                              false, false};

@@ -22,7 +22,6 @@
 #include <fcntl.h>
 #include <new>
 #include <sys/stat.h>
-#include <system_error>
 #include <unistd.h>
 #include <vector>
 
@@ -197,7 +196,7 @@ namespace {
 std::string read_bytes(const std::string& path, std::int64_t max_bytes, bool whole) {
   TARSIER_REQUIRE(max_bytes >= 1, "limit of {} bytes", max_bytes);
   const auto reason = [](int error) {
-    return error == ENOENT ? std::string("no such file") : std::generic_category().message(error);
+    return error == ENOENT ? std::string("no such file") : errno_text(error);
   };
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) throw InputError(path, reason(errno));

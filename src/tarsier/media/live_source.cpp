@@ -18,9 +18,6 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr std::chrono::seconds kQuiet{1};  // between two warnings of a corrupt image
-constexpr milliseconds kSlice{50};         // maximum duration of one call of the supervisor
-
 double seconds_between(Clock::time_point from, Clock::time_point to) {
   return std::chrono::duration<double>(to - from).count();
 }
@@ -157,7 +154,7 @@ std::optional<Frame> LiveSource::next(milliseconds timeout, const std::stop_toke
     // Occasional corrupt images of a camera do not concern the user, but those of another program
     // do.
     const Clock::time_point now = Clock::now();
-    if (opens_once_ && (!warned_ || now - *warned_ >= kQuiet)) {
+    if (opens_once_ && (!warned_ || now - *warned_ >= kWarningInterval)) {
       warned_ = now;
       log_warning("{}; it is skipped", error_message);
     } else {
@@ -260,7 +257,7 @@ LiveFailure LiveSource::follow(const std::stop_token& stop) {
   SourceState state = SourceState::kConnecting;
   bool has_frame = false;
   while (!stop.stop_requested()) {
-    LiveRead read = current_->read(kSlice, stop);
+    LiveRead read = current_->read(kStopCheckInterval, stop);
     if (read.kind == LiveRead::Kind::kEnded) return read.failure;
     if (read.kind == LiveRead::Kind::kFrame) {
       deliver(std::move(read));
@@ -329,9 +326,9 @@ bool LiveSource::wait_to_reopen(const LiveFailure& failure, const std::stop_toke
   Clock::time_point next_probe = after(begun, timing_.probe_s);
   while (!stop.stop_requested() && Clock::now() < end) {
     if (silent_) {
-      if (silent_connection_recovered(kSlice, stop)) return true;
+      if (silent_connection_recovered(kStopCheckInterval, stop)) return true;
     } else {
-      sleep_unless_stopped(kSlice, stop);
+      sleep_unless_stopped(kStopCheckInterval, stop);
     }
     if (has_timed_out(failure.reason)) return false;
     if (failure.unreachable && Clock::now() >= next_probe) {

@@ -16,6 +16,9 @@
 
 namespace tarsier {
 
+// Minimum time between two warnings of corrupt images.
+inline constexpr std::chrono::seconds kWarningInterval{1};
+
 // Why a live source could not be opened, or why it ended.
 struct LiveFailure {
   std::string reason;  // one line

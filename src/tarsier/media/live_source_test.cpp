@@ -7,6 +7,7 @@
 #include "tarsier/media/child_capture.h"
 #include "tarsier/media/http_stream.h"
 #include "tarsier/media/testing_http_server.h"
+#include "tarsier/media/testing_timeout.h"
 
 #include <gtest/gtest.h>
 
@@ -26,7 +27,8 @@ namespace {
 namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 using std::chrono::seconds;
-using testing::HttpServer;
+using test_support::HttpServer;
+using test_support::kTimeout;
 using Clock = std::chrono::steady_clock;
 
 SourceOptions quick_options() {
@@ -53,9 +55,6 @@ std::unique_ptr<FrameSource> http_source(const HttpServer& server,
   return make_live_source(
       url, url, [url, options] { return make_http_backend(url, options); }, options, timing);
 }
-
-// Long enough for any machine; only a failing test waits this long.
-constexpr seconds kTimeout{300};
 
 Frame next_frame(FrameSource& source) {
   auto frame = source.next(kTimeout, {});
@@ -141,8 +140,8 @@ TEST_F(LiveSourceTest, ReturnsNewestFrameAndCountsDropped) {
   const std::int64_t before = source->status().received;
   const Frame later = next_frame(*source);
   EXPECT_GE(later.index, before - 1);  // skipped frames are not delivered later
-  EXPECT_EQ(testing::number_of(later.image),
-            (testing::number_of(first.image) + later.index - first.index) % 32);
+  EXPECT_EQ(test_support::number_of(later.image),
+            (test_support::number_of(first.image) + later.index - first.index) % 32);
   EXPECT_GT(later.time, first.time);
   EXPECT_LE(later.captured, Clock::now());
   const SourceStatus status = source->status();
@@ -372,10 +371,10 @@ TEST_F(LiveSourceTest, AFrozenChildIsRestarted) {
 }
 
 TEST_F(LiveSourceTest, ChildMaySendJpegs) {
-  const std::string jpegs = write("jpegs", testing::jpeg_of(4) + testing::jpeg_of(9));
+  const std::string jpegs = write("jpegs", test_support::jpeg_of(4) + test_support::jpeg_of(9));
   const auto source =
       child_source(shell("cat '" + jpegs + "'; sleep 1000", ChildCommand::Format::kMjpeg));
-  EXPECT_EQ(testing::number_of(next_frame(*source).image), 9);
+  EXPECT_EQ(test_support::number_of(next_frame(*source).image), 9);
 }
 
 TEST_F(LiveSourceTest, ErrorsOfAChildAreReported) {
@@ -404,7 +403,7 @@ TEST_F(LiveSourceTest, ErrorsOfAChildAreReported) {
 }
 
 TEST_F(LiveSourceTest, LongOutputOfAChildOnStderrDoesNotBlock) {
-  const std::string jpeg = write("jpeg", testing::jpeg_of(4));
+  const std::string jpeg = write("jpeg", test_support::jpeg_of(4));
   const auto source =
       child_source(shell("head -c 3000000 /dev/zero >&2; cat '" + jpeg + "'; sleep 1000",
                          ChildCommand::Format::kMjpeg));
@@ -418,7 +417,7 @@ TEST_F(LiveSourceTest, ChildrenInheritNoDescriptorsSignalsOrInput) {
   ::pthread_sigmask(SIG_BLOCK, &all,
                     &before);  // as in the program, whose main() blocks SIGINT and SIGTERM
   const std::string seen = (folder_ / "seen").string();
-  const std::string jpeg = write("jpeg", testing::jpeg_of(4));
+  const std::string jpeg = write("jpeg", test_support::jpeg_of(4));
   const auto source =
       child_source(shell("{ ls /proc/$$/fd; grep SigBlk /proc/self/status; readlink "
                          "/proc/$$/fd/0; } > '" +
@@ -520,9 +519,10 @@ TEST_F(LiveSourceTest, TheCaptureProgramReportsErrors) {
   }
   // After exec, the program still ends when its parent dies.
   ChildCommand command;
-  command.arguments = {capture_program(), "exec", "/bin/cat", write("jpeg", testing::jpeg_of(7))};
+  command.arguments = {capture_program(), "exec", "/bin/cat",
+                       write("jpeg", test_support::jpeg_of(7))};
   command.format = ChildCommand::Format::kMjpeg;
-  EXPECT_EQ(testing::number_of(next_frame(*child_source(command, options)).image), 7);
+  EXPECT_EQ(test_support::number_of(next_frame(*child_source(command, options)).image), 7);
 }
 
 }  // namespace

@@ -12,9 +12,7 @@
 namespace tarsier {
 namespace {
 
-std::span<const std::uint8_t> bytes_of(std::string_view text) {
-  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
-}
+using test_support::bytes_of;
 
 std::string text_of(const std::vector<std::uint8_t>& bytes) { return {bytes.begin(), bytes.end()}; }
 
@@ -55,7 +53,7 @@ TEST(MjpegParser, FindsEachImageForEveryFramingAndSplit) {
   std::string wrong_length;
   for (const std::string& jpeg : sent) {
     bare += jpeg;
-    with_length += testing::part_of(jpeg);
+    with_length += test_support::part_of(jpeg);
     without_length += "----=_\"x y\"\r\ncontent-type:image/jpeg\r\n\r\n" + jpeg + "\r\n";
     wrong_length += "--b\nContent-Length: 7\n\n" + jpeg + std::string(5, '\0');
   }
@@ -69,15 +67,15 @@ TEST(MjpegParser, FindsEachImageForEveryFramingAndSplit) {
 
 TEST(MjpegParser, KeepsOnlyTheNewestImage) {
   MjpegParser parser;
-  const std::string newest = testing::jpeg_of(3);
-  EXPECT_EQ(parser.feed(bytes_of(testing::jpeg_of(1) + testing::jpeg_of(2) + newest)), 3);
+  const std::string newest = test_support::jpeg_of(3);
+  EXPECT_EQ(parser.feed(bytes_of(test_support::jpeg_of(1) + test_support::jpeg_of(2) + newest)), 3);
   EXPECT_EQ(text_of(parser.take()), newest);
   EXPECT_FALSE(parser.has_frame());
 }
 
 TEST(MjpegParser, IgnoresEmbeddedThumbnails) {
-  const std::string jpeg = testing::jpeg_of(5);
-  const std::string thumbnail = testing::jpeg_of(6, {16, 16});
+  const std::string jpeg = test_support::jpeg_of(5);
+  const std::string thumbnail = test_support::jpeg_of(6, {16, 16});
   const std::size_t length = thumbnail.size() + 2;
   const std::string with_thumbnail = jpeg.substr(0, 2) + "\xff\xe1" +
                                      static_cast<char>(length >> 8U) +
@@ -88,7 +86,7 @@ TEST(MjpegParser, IgnoresEmbeddedThumbnails) {
 }
 
 TEST(MjpegParser, ImagesMayHaveManySegments) {
-  const std::string jpeg = testing::jpeg_of(5);
+  const std::string jpeg = test_support::jpeg_of(5);
   std::string comments;
   for (int i = 0; i < 20; ++i)
     comments += std::string(
@@ -117,7 +115,7 @@ TEST(MjpegParser, ResumesAfterGarbageAndTruncatedImages) {
     parser.feed(bytes_of(cut));
     // A false start may swallow one segment (at most 64 kB) before it is detected.
     int completed = 0;
-    for (int i = 0; i < 40; ++i) completed += parser.feed(bytes_of(testing::part_of(jpeg)));
+    for (int i = 0; i < 40; ++i) completed += parser.feed(bytes_of(test_support::part_of(jpeg)));
     EXPECT_GE(completed, 20) << "round " << round;
     EXPECT_EQ(text_of(parser.take()), jpeg) << "round " << round;
   }
@@ -127,7 +125,7 @@ TEST(MjpegParser, MemoryIsBounded) {
   constexpr std::size_t kLimit = 100'000;
   MjpegParser parser(kLimit);
   // An image with endless coded data, then a valid one.
-  std::string endless = testing::jpeg_of(1);
+  std::string endless = test_support::jpeg_of(1);
   endless.resize(endless.size() - 2);
   parser.feed(bytes_of(endless));
   const std::string filling(10'000, 'x');
@@ -136,14 +134,14 @@ TEST(MjpegParser, MemoryIsBounded) {
     ASSERT_LE(parser.held_bytes(), 8 * kLimit);
   }
   EXPECT_FALSE(parser.has_frame());
-  EXPECT_EQ(parser.feed(bytes_of(testing::jpeg_of(2))), 1);
+  EXPECT_EQ(parser.feed(bytes_of(test_support::jpeg_of(2))), 1);
   EXPECT_GT(parser.skipped_bytes(), 9'900'000U);
 }
 
 // The data behind an oversized image is parsed, however much of it arrives in one piece.
 TEST(MjpegParser, OversizedImagesAreIndependentOfSplits) {
   constexpr std::size_t kLimit = 2048;
-  const std::string good = testing::jpeg_of(2);
+  const std::string good = test_support::jpeg_of(2);
   ASSERT_LT(good.size(), kLimit);
   // A segment with a stated length of 60 000 bytes.
   const std::string endless = "\xff\xd8\xff\xe0\xea\x60" + std::string(3000, 'x');
@@ -201,7 +199,7 @@ TEST(MjpegParser, CostPerByteIsBoundedForAnyStream) {
       EXPECT_EQ(parser.skipped_bytes(), stream.size()) << name;
       if (piece == 1) skipped = parser.skipped_bytes();
       EXPECT_EQ(parser.skipped_bytes(), skipped) << name;
-      EXPECT_EQ(parser.feed(bytes_of(testing::jpeg_of(2))), 1) << name;
+      EXPECT_EQ(parser.feed(bytes_of(test_support::jpeg_of(2))), 1) << name;
     }
   }
 }

@@ -26,10 +26,6 @@ namespace fs = std::filesystem;
 constexpr std::chrono::seconds kSyncInterval{5};
 constexpr int kMaxParts = 999;
 
-[[noreturn]] void fail(const std::string& path, std::string_view doing, int error) {
-  throw OutputError(path, fmt::format("{}: {}", doing, std::generic_category().message(error)));
-}
-
 std::string part_name(const fs::path& target, int number) {
   const std::string stem = target.stem().string().substr(0, 200);  // names end at 255 bytes
   const std::string mark = number == 1 ? ".part" : fmt::format(".part-{}", number);
@@ -53,10 +49,10 @@ PartFile::PartFile(std::string target) : target_(std::move(target)) {
   if (target_.empty()) throw OutputError("\"\"", "no file name given");
   struct ::stat info {};
   const bool exists = ::stat(target_.c_str(), &info) == 0;
-  if (!exists && errno != ENOENT) fail(target_, "cannot write", errno);
+  if (!exists && errno != ENOENT) fail_to_write(target_, "cannot write", errno);
   if (exists && S_ISDIR(info.st_mode)) throw OutputError(target_, "is a folder, not a file");
   if (exists && !S_ISREG(info.st_mode)) throw OutputError(target_, "is not a regular file");
-  if (exists && ::access(target_.c_str(), W_OK) != 0) fail(target_, "cannot write", errno);
+  if (exists && ::access(target_.c_str(), W_OK) != 0) fail_to_write(target_, "cannot write", errno);
   if (exists) {  // a symbolic link stays a link
     std::error_code error;
     const fs::path real = fs::canonical(target_, error);
@@ -67,8 +63,9 @@ PartFile::PartFile(std::string target) : target_(std::move(target)) {
     fd_ = ::open(part_.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (fd_ >= 0) break;
     if (errno != EEXIST) {
-      fail(target_, errno == ENOENT ? "no such folder" : "cannot create a file in this folder",
-           errno);
+      fail_to_write(target_,
+                    errno == ENOENT ? "no such folder" : "cannot create a file in this folder",
+                    errno);
     }
     warn_of(part_);
   }
@@ -90,9 +87,9 @@ PartFile::~PartFile() {
 void PartFile::commit() {
   if (committed_) return;
   if (::fsync(fd_) != 0 && errno != EINVAL && errno != ENOTSUP && errno != ENOSYS) {
-    fail(part_, "cannot write to the disk", errno);
+    fail_to_write(part_, "cannot write to the disk", errno);
   }
-  if (::rename(part_.c_str(), target_.c_str()) != 0) fail(target_, "cannot rename", errno);
+  if (::rename(part_.c_str(), target_.c_str()) != 0) fail_to_write(target_, "cannot rename", errno);
   committed_ = true;
   sync_folder(target_);
 }

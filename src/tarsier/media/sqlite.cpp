@@ -13,18 +13,15 @@
 #include <fcntl.h>
 #include <sqlite3.h>
 #include <sys/stat.h>
-#include <system_error>
 #include <unistd.h>
 #include <utility>
 
 namespace tarsier {
 namespace {
 
-constexpr int kMaxBytes = 256'000'000;  // of one text, blob or row
+constexpr int kMaxValueBytes = 256'000'000;  // of one text, blob or row
 // Larger files are not copied in memory.
 constexpr std::int64_t kMaxCopied = std::int64_t{64} * 1024 * 1024;
-
-std::string system_text(int error) { return std::generic_category().message(error); }
 
 // Creates an empty file that nobody else may read; an existing file stays as it is. An existing
 // file is not opened, because closing it would drop the locks of other connections of this process.
@@ -48,14 +45,14 @@ void check_permissions(const std::string& path, bool writes) {
   }
   if (::chmod(path.c_str(), 0600) != 0) {
     log_warning("{}: other users may open it (mode {:04o}), and that cannot be changed: {}", path,
-                mode, system_text(errno));
+                mode, errno_text(errno));
     return;
   }
   // SQLite creates these files later with the mode of the database.
   for (const char* extension : {"-wal", "-shm", "-journal"}) {
     const std::string companion = path + extension;
     if (::chmod(companion.c_str(), 0600) != 0 && errno != ENOENT) {
-      log_warning("{}: other users may open it: {}", companion, system_text(errno));
+      log_warning("{}: other users may open it: {}", companion, errno_text(errno));
     }
   }
   log_warning("{}: other users could open it (mode {:04o}); now only you can (0600)", path, mode);
@@ -78,10 +75,10 @@ std::string reason_of(sqlite3* handle, int code) {
     case SQLITE_NOMEM:
       return "not enough memory";
     case SQLITE_CANTOPEN:
-      return "cannot be opened" + (system_error != 0 ? ": " + system_text(system_error) : "");
+      return "cannot be opened" + (system_error != 0 ? ": " + errno_text(system_error) : "");
     case SQLITE_IOERR:
       return "reading or writing failed" +
-             (system_error != 0 ? ": " + system_text(system_error) : "");
+             (system_error != 0 ? ": " + errno_text(system_error) : "");
     default:
       return printable(handle == nullptr ? sqlite3_errstr(code) : sqlite3_errmsg(handle));
   }
@@ -148,10 +145,10 @@ void Database::open(DatabaseAccess access, int timeout_ms) {
   const bool exists = ::stat(path_.c_str(), &found) == 0;
   if (exists && !S_ISREG(found.st_mode)) refuse("is not a regular file");
   if (!exists && (access != DatabaseAccess::kCreate || errno != ENOENT)) {
-    refuse(system_text(errno));
+    refuse(errno_text(errno));
   }
   if (access == DatabaseAccess::kCreate) {
-    if (const int error = make_private_file(path_); error != 0) refuse(system_text(error));
+    if (const int error = make_private_file(path_); error != 0) refuse(errno_text(error));
   }
   // A leading slash or dot keeps SQLite from interpreting the name as a special one.
   const std::string plain = path_.starts_with('/') ? path_ : "./" + path_;
@@ -163,7 +160,7 @@ void Database::open(DatabaseAccess access, int timeout_ms) {
   check(sqlite3_db_config(handle_, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr));
   check(sqlite3_db_config(handle_, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, nullptr));
   check(sqlite3_db_config(handle_, SQLITE_DBCONFIG_ENABLE_VIEW, 0, nullptr));
-  sqlite3_limit(handle_, SQLITE_LIMIT_LENGTH, kMaxBytes);
+  sqlite3_limit(handle_, SQLITE_LIMIT_LENGTH, kMaxValueBytes);
   sqlite3_limit(handle_, SQLITE_LIMIT_ATTACHED, 0);
 }
 

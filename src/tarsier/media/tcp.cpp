@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/media/tcp.h"
 
+#include "tarsier/core/errors.h"
+#include "tarsier/core/stop.h"
+
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -14,7 +17,6 @@
 #include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/socket.h>
-#include <system_error>
 #include <thread>
 #include <unistd.h>
 #include <utility>
@@ -25,11 +27,6 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
-
-// Maximum duration of a poll() before the stop token is checked.
-constexpr milliseconds kSlice{50};
-
-std::string error_text(int number) { return std::generic_category().message(number); }
 
 milliseconds left_until(Clock::time_point deadline) {
   return std::max(milliseconds(0),
@@ -99,7 +96,7 @@ Resolved resolve(const std::string& host, std::uint16_t port, Clock::time_point 
 bool wait_for(int descriptor, short events, Clock::time_point deadline,
               const std::stop_token& stop) {
   while (!stop.stop_requested()) {
-    const milliseconds slice = std::min(kSlice, left_until(deadline));
+    const milliseconds slice = std::min(kStopCheckInterval, left_until(deadline));
     pollfd item{descriptor, events, 0};
     if (::poll(&item, 1, static_cast<int>(slice.count())) > 0) return true;
     if (Clock::now() >= deadline) return false;
@@ -175,7 +172,7 @@ TcpSocket connect_tcp(const std::string& host, std::uint16_t port, milliseconds 
       number == ECONNREFUSED
           ? fmt::format("nothing listens on port {} of {} (connection refused)", port, host)
       : number == ETIMEDOUT ? fmt::format("{} does not answer on port {}", host, port)
-                            : fmt::format("cannot connect: {}", error_text(number));
+                            : fmt::format("cannot connect: {}", errno_text(number));
   return {};
 }
 

@@ -19,6 +19,7 @@
 #include <mutex>
 #include <netinet/in.h>
 #include <poll.h>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -28,7 +29,11 @@
 #include <utility>
 #include <vector>
 
-namespace tarsier::testing {
+namespace tarsier::test_support {
+
+inline std::span<const std::uint8_t> bytes_of(std::string_view text) {
+  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
+}
 
 // A JPEG of one grey level, which survives compression: level = 8 * (number % 32).
 inline std::string jpeg_of(int number, cv::Size size = {64, 48}) {
@@ -213,4 +218,4 @@ class HttpServer {
   std::jthread thread_;
 };
 
-}  // namespace tarsier::testing
+}  // namespace tarsier::test_support

@@ -23,7 +23,7 @@
 #include <utility>
 #include <vector>
 
-namespace tarsier::testing {
+namespace tarsier::test_support {
 
 inline void must(int code, const char* what) {
   if (code < 0) throw std::runtime_error(std::string(what) + ": " + gnutls_strerror(code));
@@ -185,4 +185,4 @@ class TlsServer {
   std::jthread thread_;
 };
 
-}  // namespace tarsier::testing
+}  // namespace tarsier::test_support

@@ -26,15 +26,15 @@ namespace tarsier {
 namespace {
 
 using std::chrono::milliseconds;
+using test_support::Certificate;
+using test_support::HttpServer;
+using test_support::TlsServer;
 using ::testing::AllOf;
-using testing::Certificate;
 using ::testing::HasSubstr;
-using testing::HttpServer;
 using ::testing::IsEmpty;
 using ::testing::Not;
 using ::testing::SizeIs;
 using ::testing::StartsWith;
-using testing::TlsServer;
 
 SourceOptions options_of(const StreamSecurity& security) {
   SourceOptions options;
@@ -45,7 +45,7 @@ SourceOptions options_of(const StreamSecurity& security) {
 std::string video() {
   std::string reply =
       "HTTP/1.1 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=frame\r\n\r\n";
-  for (int i = 1; i <= 20; ++i) reply += testing::part_of(testing::jpeg_of(i));
+  for (int i = 1; i <= 20; ++i) reply += test_support::part_of(test_support::jpeg_of(i));
   return reply;
 }
 
@@ -54,14 +54,14 @@ std::string redirect_to(const std::string& place) {
 }
 
 // The result: a first frame, or the reason why there is none.
-struct Outcome {
+struct FirstFrame {
   cv::Mat image;
   std::string detail;
   LiveFailure failure;
 };
 
-Outcome open_and_read(LiveBackend& backend) {
-  Outcome outcome;
+FirstFrame open_and_read(LiveBackend& backend) {
+  FirstFrame outcome;
   const std::stop_token never;
   if (auto failure = backend.open(milliseconds(5000), never)) {
     outcome.failure = *failure;
@@ -87,13 +87,15 @@ class TlsTest : public FolderTest {
  protected:
   TlsTest() { std::ofstream(options_.security.ca_file) << authority_.pem(); }
 
-  [[nodiscard]] Outcome read_http(const std::string& url) const { return read_http(url, options_); }
-  [[nodiscard]] static Outcome read_http(const std::string& url, const SourceOptions& options) {
+  [[nodiscard]] FirstFrame read_http(const std::string& url) const {
+    return read_http(url, options_);
+  }
+  [[nodiscard]] static FirstFrame read_http(const std::string& url, const SourceOptions& options) {
     const auto backend = make_http_backend(url, options);
     return open_and_read(*backend);
   }
   // Through FFmpeg in the capture program.
-  [[nodiscard]] Outcome read_child(const std::string& url, SourceOptions options) const {
+  [[nodiscard]] FirstFrame read_child(const std::string& url, SourceOptions options) const {
     options.capture_program = capture_program_;
     const auto backend = make_child_backend(ffmpeg_command(url, options));
     return open_and_read(*backend);
@@ -108,7 +110,7 @@ class TlsTest : public FolderTest {
 
 TEST_F(TlsTest, AcceptsServerWithCertificateOfCaFile) {
   const TlsServer server(good_, [](const std::string&) { return video(); });
-  const Outcome outcome = read_http(server.url("/cam", "me:secret@"));
+  const FirstFrame outcome = read_http(server.url("/cam", "me:secret@"));
   EXPECT_EQ(outcome.image.size(), cv::Size(64, 48)) << outcome.failure.reason;
   EXPECT_EQ(outcome.detail, "64x48 MJPEG over HTTPS");
   ASSERT_THAT(server.requests(), SizeIs(1));
@@ -134,7 +136,7 @@ TEST_F(TlsTest, RejectsUntrustedServersBeforeSending) {
        {Case{wrong_name, "its certificate is not for '127.0.0.1'"}, Case{expired, "has expired"},
         Case{untrusted, "its certificate is not trusted (signed by an unknown authority)"}}) {
     const TlsServer server(one.certificate, [](const std::string&) { return video(); });
-    const Outcome outcome = read_http(server.url("/", "me:secret@"));
+    const FirstFrame outcome = read_http(server.url("/", "me:secret@"));
     EXPECT_TRUE(outcome.image.empty());
     EXPECT_TRUE(outcome.failure.permanent);
     EXPECT_THAT(outcome.failure.reason,
@@ -145,7 +147,7 @@ TEST_F(TlsTest, RejectsUntrustedServersBeforeSending) {
   }
   // Not signed by the system's authorities.
   const TlsServer server(good_, [](const std::string&) { return video(); });
-  const Outcome outcome = read_http(server.url(), SourceOptions{});
+  const FirstFrame outcome = read_http(server.url(), SourceOptions{});
   EXPECT_THAT(outcome.failure.reason, HasSubstr("option 'ca_file'"));
   EXPECT_THAT(server.requests(), IsEmpty());
 }
@@ -165,7 +167,7 @@ TEST_F(TlsTest, ACaFileWithoutCertificatesIsAnError) {
 TEST_F(TlsTest, RedirectsStayEncryptedAndDoNotForwardThePassword) {
   HttpServer plain;
   const TlsServer redirecting(good_, [&](const std::string&) { return redirect_to(plain.url()); });
-  const Outcome outcome = read_http(redirecting.url("/", "me:secret@"));
+  const FirstFrame outcome = read_http(redirecting.url("/", "me:secret@"));
   EXPECT_TRUE(outcome.failure.permanent);
   EXPECT_THAT(outcome.failure.reason, HasSubstr("only https is followed"));
   EXPECT_EQ(plain.connections(), 0);
@@ -184,7 +186,7 @@ TEST_F(TlsTest, RedirectsStayEncryptedAndDoNotForwardThePassword) {
 
 TEST_F(TlsTest, EachSnapshotUsesASeparateConnection) {
   const TlsServer server(good_, [](const std::string&) {
-    const std::string jpeg = testing::jpeg_of(3);
+    const std::string jpeg = test_support::jpeg_of(3);
     return "HTTP/1.1 200 OK\r\nContent-Type: image/jpeg\r\nContent-Length: " +
            std::to_string(jpeg.size()) + "\r\n\r\n" + jpeg;
   });
@@ -204,7 +206,7 @@ TEST_F(TlsTest, PlaylistsAreRefusedUnlessInsecure) {
     return std::string(
         "HTTP/1.1 200 OK\r\nContent-Type: application/vnd.apple.mpegurl\r\n\r\n#EXTM3U\n");
   });
-  const Outcome outcome = read_http(server.url());
+  const FirstFrame outcome = read_http(server.url());
   EXPECT_TRUE(outcome.failure.permanent);
   EXPECT_THAT(outcome.failure.reason, AllOf(HasSubstr("playlist"), HasSubstr("option 'insecure'")));
 }
@@ -220,7 +222,7 @@ TEST_F(TlsTest, FfmpegReadsOtherVideosWithVerification) {
   const TlsServer server(good_, [&](const std::string&) { return reply; });
   SourceOptions options = options_;
   options.capture_program = capture_program_;
-  const Outcome outcome = read_http(server.url("/v.avi", "me:secret@"), options);
+  const FirstFrame outcome = read_http(server.url("/v.avi", "me:secret@"), options);
   ASSERT_FALSE(outcome.image.empty()) << outcome.failure.reason;
   EXPECT_NEAR(cv::mean(outcome.image)[1], 120, 4);
   ASSERT_GE(server.requests().size(), 2U);
@@ -233,7 +235,7 @@ TEST_F(TlsTest, FfmpegReadsOtherVideosWithVerification) {
 TEST_F(TlsTest, CaptureProgramRejectsUntrustedServersAndRedirects) {
   const TlsServer server(good_, [](const std::string&) { return video(); });
   EXPECT_FALSE(read_child(server.url(), options_).image.empty());
-  Outcome outcome = read_child(server.url("/", "me:secret@"), SourceOptions{});
+  FirstFrame outcome = read_child(server.url("/", "me:secret@"), SourceOptions{});
   EXPECT_THAT(outcome.failure.reason, HasSubstr("option 'ca_file'"));
   EXPECT_THAT(server.requests(), SizeIs(1)) << "the first, with the CA file";
   EXPECT_FALSE(

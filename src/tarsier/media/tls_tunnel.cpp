@@ -19,18 +19,17 @@
 #include <span>
 #include <string_view>
 #include <sys/socket.h>
-#include <system_error>
 #include <utility>
 #include <vector>
 
 namespace tarsier {
 namespace {
 
-using Bytes = std::vector<std::uint8_t>;
+using Buffer = std::vector<std::uint8_t>;
 using std::chrono::milliseconds;
 
 constexpr std::size_t kBuffer = 64U << 10U;
-constexpr std::size_t kMaxConnections = 8;
+constexpr std::size_t kMaxLinks = 8;
 constexpr milliseconds kConnectTimeout{8000};
 constexpr int kPoll_ms = 100;  // maximum duration of a poll() before the stop token is checked
 
@@ -58,8 +57,8 @@ struct Link {
   TcpSocket plain;
   TcpSocket remote;
   std::optional<TlsStream> tls;
-  Bytes up;    // to the server
-  Bytes down;  // from it
+  Buffer up;    // to the server
+  Buffer down;  // from it
   RedirectGuard guard;
   bool plain_ended = false;
   bool remote_ended = false;
@@ -151,7 +150,7 @@ void TlsTunnel::Impl::listen() {
       ::listen(listener.get(), 4) != 0 ||
       ::getsockname(listener.get(), reinterpret_cast<sockaddr*>(&address), &size) != 0) {
     throw OutputError("127.0.0.1", fmt::format("no port for a connection within this machine: {}",
-                                               std::generic_category().message(errno)));
+                                               errno_text(errno)));
   }
   port = ntohs(address.sin_port);
 }
@@ -176,7 +175,7 @@ void TlsTunnel::Impl::run(const std::stop_token& stop) {
   std::vector<pollfd> items;
   while (!stop.stop_requested()) {
     items.clear();
-    if (links.size() < kMaxConnections) items.push_back({listener.get(), POLLIN, 0});
+    if (links.size() < kMaxLinks) items.push_back({listener.get(), POLLIN, 0});
     bool pending = false;
     for (const Link& link : links) {
       short plain = 0;
@@ -193,7 +192,7 @@ void TlsTunnel::Impl::run(const std::stop_token& stop) {
       items.push_back({link.remote.get(), remote, 0});
     }
     (void)::poll(items.data(), items.size(), pending ? 0 : kPoll_ms);
-    if (links.size() < kMaxConnections && items[0].revents != 0) accept_one(links, stop);
+    if (links.size() < kMaxLinks && items[0].revents != 0) accept_one(links, stop);
     for (auto link = links.begin(); link != links.end();) {
       const std::string reason = pump(*link);
       if (!reason.empty()) note(reason);

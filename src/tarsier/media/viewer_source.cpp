@@ -27,8 +27,7 @@ using std::chrono::milliseconds;
 
 constexpr const char* kVariable = "TARSIER_VIEWER";
 constexpr std::size_t kLongestName = 64;
-constexpr double kCameraStartup_s = 10;    // a person must allow it
-constexpr std::chrono::seconds kQuiet{1};  // between two warnings
+constexpr double kPermissionTime_s = 10;  // a person must allow it
 
 class ViewerBackend final : public LiveBackend {
  public:
@@ -46,7 +45,7 @@ class ViewerBackend final : public LiveBackend {
   [[nodiscard]] std::string detail() const override { return "a viewer's camera"; }
   [[nodiscard]] double fps() const override { return 0; }
   [[nodiscard]] bool may_recover() const override { return true; }
-  [[nodiscard]] double startup_s() const override { return kCameraStartup_s; }
+  [[nodiscard]] double startup_s() const override { return kPermissionTime_s; }
   [[nodiscard]] bool opens_once() const override { return true; }
 
  private:
@@ -76,7 +75,7 @@ bool ViewerBackend::drain(LiveRead& result) {
 
 void ViewerBackend::warn(const std::string& error) {
   const Clock::time_point now = Clock::now();
-  if (warned_ && now - *warned_ < kQuiet) {
+  if (warned_ && now - *warned_ < kWarningInterval) {
     ++not_warned_of_;
     return;
   }

@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/testing_log.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/media/testing_timeout.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -23,11 +24,10 @@ namespace tarsier {
 namespace {
 
 using std::chrono::milliseconds;
+using test_support::kTimeout;
 using ::testing::HasSubstr;
 using Bytes = std::vector<std::uint8_t>;
 using Clock = std::chrono::steady_clock;
-
-constexpr std::chrono::seconds kTimeout{300};  // only a failing test waits this long
 
 Bytes jpeg(int value, cv::Size size = {64, 48}) {
   return encode_image(".jpg", cv::Mat(size, CV_8UC3, cv::Scalar::all(value)), "test", 90);

@@ -9,7 +9,7 @@ namespace tarsier::mqtt {
 namespace {
 
 // 'THB1'
-const DatabaseKind kKind{"Tarsier hub log", 0x54484231, {R"sql(
+const DatabaseKind kHubLogKind{"Tarsier hub log", 0x54484231, {R"sql(
 CREATE TABLE hub_event(
   id INTEGER PRIMARY KEY AUTOINCREMENT,
   node TEXT NOT NULL,
@@ -32,7 +32,8 @@ INSERT INTO hub_id VALUES(lower(hex(randomblob(8))));
 
 class SqliteHubLog final : public HubLog {
  public:
-  SqliteHubLog(const std::string& path, DatabaseAccess access) : database_(path, kKind, access) {
+  SqliteHubLog(const std::string& path, DatabaseAccess access)
+      : database_(path, kHubLogKind, access) {
     Statement row(database_, "SELECT id FROM hub_id");
     if (row.step()) id_ = row.text(0);
   }

@@ -16,7 +16,7 @@ namespace {
 constexpr std::int64_t kMaxSeq = std::int64_t{1} << 53;
 
 // 'TOB1'
-const DatabaseKind kKind{"Tarsier outbox", 0x544F4231, {R"sql(
+const DatabaseKind kOutboxKind{"Tarsier outbox", 0x544F4231, {R"sql(
 CREATE TABLE outbox(
   seq INTEGER PRIMARY KEY AUTOINCREMENT,
   payload TEXT NOT NULL         -- JSON
@@ -58,7 +58,7 @@ std::optional<nlohmann::ordered_json> object_of(const std::string& text) {
 
 }  // namespace
 
-Outbox::Outbox(const std::string& path) : database_(path, kKind, DatabaseAccess::kCreate) {
+Outbox::Outbox(const std::string& path) : database_(path, kOutboxKind, DatabaseAccess::kCreate) {
   Statement row(database_, "SELECT id FROM outbox_id");
   if (row.step()) id_ = row.text(0);
   if (!is_id(id_)) throw OutputError(path, "has no id: move it away, and a new one is made");

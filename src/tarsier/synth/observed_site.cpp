@@ -3,13 +3,13 @@
 
 #include "tarsier/core/at.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/synth/full_turn.h"
 
 #include <Eigen/Geometry>
 
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <numbers>
 #include <unordered_map>
 
 namespace tarsier::synth {
@@ -18,7 +18,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kTurn = 2 * std::numbers::pi;
 constexpr double kStep = 2.5;         // m, between images in a street
 constexpr double kHalfStreet = 8;     // m
 constexpr double kBlock = 60;         // m
@@ -149,7 +148,7 @@ class Site {
   }
 
   void grid() {
-    constexpr double kHeight = 60;
+    constexpr double kFlightHeight = 60;
     constexpr double kSpacing = 20;
     const int across = std::max(2, static_cast<int>(std::lround(std::sqrt(options_.images))));
     const double width = (across + 4) * kSpacing;
@@ -164,7 +163,7 @@ class Site {
       const int row = i / across;
       const int column = row % 2 == 0 ? i % across : across - 1 - i % across;
       site_.poses.push_back(
-          pose_at({column * kSpacing, row * kSpacing, kHeight}, -Vector3d::UnitZ(), rng_));
+          pose_at({column * kSpacing, row * kSpacing, kFlightHeight}, -Vector3d::UnitZ(), rng_));
     }
   }
 

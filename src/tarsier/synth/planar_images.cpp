@@ -17,7 +17,7 @@
 namespace tarsier::synth {
 namespace {
 
-cv::Scalar random_color(Rng& rng, double min_level = 10, double max_level = 245) {
+cv::Scalar random_paint(Rng& rng, double min_level = 10, double max_level = 245) {
   // Most objects are greyish; some are colourful.
   const double level = rng.uniform(min_level, max_level);
   const double spread = rng.uniform() < 0.7 ? 15 : 65;
@@ -94,9 +94,9 @@ void draw_sheet(cv::Mat& image, const cv::Point2f& at, float length, float angle
 
 // A facade: rows of dark windows in light frames.
 void draw_windows(cv::Mat& image, const cv::Rect& box, Rng& rng) {
-  const cv::Scalar wall = random_color(rng, 90, 220);
-  const cv::Scalar frame = random_color(rng, 170, 250);
-  const cv::Scalar glass = random_color(rng, 8, 70);
+  const cv::Scalar wall = random_paint(rng, 90, 220);
+  const cv::Scalar frame = random_paint(rng, 170, 250);
+  const cv::Scalar glass = random_paint(rng, 8, 70);
   cv::rectangle(image, box, wall, cv::FILLED);
   const int columns = rng.integer(2, 7);
   const int rows = rng.integer(1, 5);
@@ -118,7 +118,7 @@ void draw_windows(cv::Mat& image, const cv::Rect& box, Rng& rng) {
 // Boards of wood, tiles, or one colour.
 void draw_surface(cv::Mat& image, Rng& rng) {
   const int kind = rng.integer(0, 3);
-  const cv::Scalar base = random_color(rng, 70, 200);
+  const cv::Scalar base = random_paint(rng, 70, 200);
   image.setTo(base);
   const int size = image.cols;
   if (kind <= 1) {
@@ -145,7 +145,7 @@ void draw_object(cv::Mat& image, Rng& rng) {
   const cv::Size size = image.size();
   const double larger = size.width;
   const cv::Point at = random_point(rng, size);
-  const cv::Scalar color = random_color(rng);
+  const cv::Scalar color = random_paint(rng);
   const auto angle = static_cast<float>(rng.uniform(0, 360));
   const auto length = static_cast<float>(larger * rng.uniform(0.03, 0.2));
   switch (rng.integer(0, 7)) {
@@ -197,7 +197,7 @@ void draw_object(cv::Mat& image, Rng& rng) {
     }
     default:
       fill_box(image, {cv::Point2f(at), {length * 1.5F, length}, angle}, color);
-      fill_box(image, {cv::Point2f(at), {length * 1.2F, length * 0.6F}, angle}, random_color(rng));
+      fill_box(image, {cv::Point2f(at), {length * 1.2F, length * 0.6F}, angle}, random_paint(rng));
       break;
   }
 }
@@ -234,13 +234,13 @@ cv::Mat poster_image(cv::Size size, std::uint64_t seed) {
       size.width >= 16 && size.height >= 16 && size.width <= 4096 && size.height <= 4096,
       "{}x{} px", size.width, size.height);
   Rng rng(seed ^ 0x90573e5ULL);
-  cv::Mat image(size, CV_8UC3, random_color(rng));
+  cv::Mat image(size, CV_8UC3, random_paint(rng));
   const double larger = std::max(size.width, size.height);
   // From large to small.
   for (int i = 0; i < 260; ++i) {
     const double scale = larger * 0.35 * std::pow(0.05, i / 260.0) * rng.uniform(0.5, 1.5);
     const cv::Point at = random_point(rng, size);
-    const cv::Scalar color = random_color(rng);
+    const cv::Scalar color = random_paint(rng);
     const double angle = rng.uniform(0, 360);
     const int radius = std::max(1, cvRound(0.5 * scale));
     switch (rng.integer(0, 4)) {
@@ -312,7 +312,7 @@ PlanarPrint occluder_print(bool is_hand, double width, std::uint64_t seed) {
     }
     add_grain(color, 40, 8, rng);
   } else {
-    color.setTo(random_color(rng, 20, 200));
+    color.setTo(random_paint(rng, 20, 200));
     cv::rectangle(alpha, cv::Rect(96, 0, 64, kSize), 255, cv::FILLED);
     add_grain(color, 40, 8, rng);
   }

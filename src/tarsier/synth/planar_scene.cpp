@@ -15,15 +15,16 @@
 #include <utility>
 
 namespace tarsier::synth {
-namespace {
 
-constexpr int kMaxSamples = 8;  // per pixel, in each direction
-
-struct Sheet {
+struct PrintSheet {
   PrintTexture texture;
   Eigen::Matrix3d pixel_from_plane =
       Eigen::Matrix3d::Zero();  // from the print's frame, m, to px of the image
 };
+
+namespace {
+
+constexpr int kMaxSamples = 8;  // per pixel, in each direction
 
 cv::Rect2d part_of(const PlanarPrint& print) {
   return print.part.empty() ? cv::Rect2d(0, 0, print.image.cols, print.image.rows) : print.part;
@@ -31,14 +32,14 @@ cv::Rect2d part_of(const PlanarPrint& print) {
 
 // One sheet at one moment.
 struct Layer {
-  const Sheet* sheet = nullptr;
+  const PrintSheet* sheet = nullptr;
   Eigen::Matrix3d pixel_from_ray = Eigen::Matrix3d::Zero();  // its third row is 1 / depth
   cv::Rect bounds;                                           // px of the frame
   bool is_ground = false;
 };
 
 // The plane's points (x, y) are at R (x, y, 0) + t, on the rays through them.
-Eigen::Matrix3d pixel_from_ray(const Sheet& sheet, const geometry::Rigid3& camera_from_print) {
+Eigen::Matrix3d pixel_from_ray(const PrintSheet& sheet, const geometry::Rigid3& camera_from_print) {
   Eigen::Matrix3d ray_from_plane = camera_from_print.rotation;
   ray_from_plane.col(2) = camera_from_print.translation;
   return sheet.pixel_from_plane * ray_from_plane.inverse();
@@ -210,15 +211,15 @@ std::vector<std::optional<cv::Vec2f>> sample_positions(int count) {
 
 // Light at every eighth pixel, enlarged: it has no detail.
 cv::Mat light_of(const ImagingConditions& imaging, cv::Size size) {
-  constexpr int kStep = 8;
-  const cv::Size small(size.width / kStep + 2, size.height / kStep + 2);
+  constexpr int kGridStep = 8;
+  const cv::Size small(size.width / kGridStep + 2, size.height / kGridStep + 2);
   cv::Mat light(small, CV_32FC1);
   const double half = 0.5 * std::max(size.width, size.height);
   const double diagonal = 0.5 * std::hypot(size.width, size.height);
   for (int j = 0; j < small.height; ++j) {
     for (int i = 0; i < small.width; ++i) {
-      const double x = i * kStep - 0.5 * size.width;
-      const double y = j * kStep - 0.5 * size.height;
+      const double x = i * kGridStep - 0.5 * size.width;
+      const double y = j * kGridStep - 0.5 * size.height;
       const double along =
           (x * std::cos(imaging.slope_angle) + y * std::sin(imaging.slope_angle)) / half;
       const double beyond = x * std::cos(imaging.shadow_angle) +
@@ -232,9 +233,9 @@ cv::Mat light_of(const ImagingConditions& imaging, cv::Size size) {
     }
   }
   cv::Mat full;
-  cv::resize(light, full, {}, kStep, kStep, cv::INTER_LINEAR);
-  // cv::resize puts the first sample at (kStep - 1) / 2.
-  return full(cv::Rect(cv::Point(kStep / 2, kStep / 2), size));
+  cv::resize(light, full, {}, kGridStep, kGridStep, cv::INTER_LINEAR);
+  // cv::resize puts the first sample at (kGridStep - 1) / 2.
+  return full(cv::Rect(cv::Point(kGridStep / 2, kGridStep / 2), size));
 }
 
 }  // namespace
@@ -267,14 +268,14 @@ void ImagingConditions::check() const {
 struct PlanarScene::Parts {
   geometry::Camera camera;
   std::vector<PlanarPrint> prints;
-  std::vector<Sheet> sheets;
-  Sheet ground;
+  std::vector<PrintSheet> sheets;
+  PrintSheet ground;
   double largest_radius = 0;  // of normalised rays in the frame
   Pixel4 beyond_ground{};     // colour beyond the ground
   cv::Mat rays;               // CV_32FC2, through the corners of all pixels; NaN if there is none
 
   [[nodiscard]] std::vector<Layer> layers(const PlanarShot& shot) const;
-  [[nodiscard]] cv::Rect bounds(const Sheet& sheet,
+  [[nodiscard]] cv::Rect bounds(const PrintSheet& sheet,
                                 const geometry::Rigid3& camera_from_print) const;
   [[nodiscard]] double visible(std::size_t index, const PlanarShot& shot,
                                const std::vector<Layer>& order) const;
@@ -282,7 +283,7 @@ struct PlanarScene::Parts {
 
 // The bounding box of the sheet's (curved) outline; the whole frame if a part of the sheet is
 // behind the camera.
-cv::Rect PlanarScene::Parts::bounds(const Sheet& sheet,
+cv::Rect PlanarScene::Parts::bounds(const PrintSheet& sheet,
                                     const geometry::Rigid3& camera_from_print) const {
   const cv::Rect all(0, 0, camera.width, camera.height);
   const Eigen::Matrix3d plane_from_pixel = sheet.pixel_from_plane.inverse();
@@ -398,10 +399,10 @@ PlanarScene::PlanarScene(const geometry::Camera& camera, std::vector<PlanarPrint
   const auto sheet_of = [](const cv::Mat& image, const cv::Rect2d& part, double width,
                            bool mirrored) {
     const double scale = part.width / width;  // px per m
-    return Sheet{PrintTexture(image, mirrored),
-                 Eigen::Matrix3d{{scale, 0, part.x + 0.5 * part.width},
-                                 {0, -scale, part.y + 0.5 * part.height},
-                                 {0, 0, 1}}};
+    return PrintSheet{PrintTexture(image, mirrored),
+                      Eigen::Matrix3d{{scale, 0, part.x + 0.5 * part.width},
+                                      {0, -scale, part.y + 0.5 * part.height},
+                                      {0, 0, 1}}};
   };
   for (const PlanarPrint& print : prints) {
     print.check();

@@ -26,7 +26,7 @@ geometry::Camera camera_of(double focal = 500) {
 }
 
 // A camera that looks straight down from `height`, tilted by `tilt` about x.
-PlanarShot above(double height, double tilt = 0) {
+PlanarShot above_print(double height, double tilt = 0) {
   PlanarShot shot;
   const double c = std::cos(tilt);
   const double s = std::sin(tilt);
@@ -75,7 +75,7 @@ TEST(PlanarScene, EdgesMatchTruth) {
   // Magnified, at about the size of its pixels, and from a distance.
   for (const double height : {0.4, 1.1, 3.7}) {
     const PlanarScene scene(camera_of(), {square_print(0.1)}, gray_ground(), 1);
-    PlanarShot shot = above(height);
+    PlanarShot shot = above_print(height);
     geometry::Rigid3 pose;
     pose.translation = {0.0031, -0.0017, 0};
     shot.world_from_print = {pose};
@@ -93,7 +93,7 @@ TEST(PlanarScene, EdgesMatchTruth) {
 
 TEST(PlanarScene, MotionBlurDoesNotShiftEdges) {
   const PlanarScene scene(camera_of(), {square_print(0.1)}, gray_ground(), 1);
-  PlanarShot middle = above(0.5);
+  PlanarShot middle = above_print(0.5);
   middle.world_from_print = {geometry::Rigid3{}};
   std::vector<PlanarShot> shots;
   for (int k = 0; k < 6; ++k) {
@@ -123,7 +123,7 @@ TEST(PlanarScene, AntialiasesFineLines) {
   print.width = 1;
   const PlanarScene scene(camera_of(), {print}, gray_ground(), 3);
   for (const double tilt : {0.0, 0.9}) {
-    PlanarShot shot = above(8, tilt);
+    PlanarShot shot = above_print(8, tilt);
     shot.world_from_print = {geometry::Rigid3{}};
     const cv::Mat image = scene.render(std::vector{shot}, clean());
     double low = 0;
@@ -140,7 +140,7 @@ TEST(PlanarScene, OccludersHideAndLightDims) {
   cover.image = cv::Mat(16, 16, CV_8UC4, cv::Scalar(120, 120, 120, 255));
   cover.width = 0.05;
   const PlanarScene scene(camera_of(), {square_print(0.1), cover}, gray_ground(), 1);
-  PlanarShot shot = above(0.5);
+  PlanarShot shot = above_print(0.5);
   geometry::Rigid3 over;
   over.translation = {0.05, 0.05, 0.001};  // covers a quarter of the width and of the height
   shot.world_from_print = {geometry::Rigid3{}, over};
@@ -161,7 +161,7 @@ TEST(PlanarScene, AppliesDistortionOfCamera) {
   geometry::Camera camera = camera_of(250);
   camera.distortion = {-0.25, 0.08, 0, 0, 0};
   const PlanarScene scene(camera, {square_print(0.05)}, gray_ground(), 1);
-  PlanarShot shot = above(0.5);
+  PlanarShot shot = above_print(0.5);
   geometry::Rigid3 pose;
   pose.translation = {0.2, 0, 0};
   shot.world_from_print = {pose};
@@ -177,7 +177,7 @@ TEST(PlanarScene, AppliesDistortionOfCamera) {
 TEST(PlanarScene, RejectsInvalidInput) {
   const PlanarScene scene(camera_of(), {square_print(0.1)}, gray_ground(), 1);
   EXPECT_THROW((void)scene.render({}, clean()), std::invalid_argument);
-  EXPECT_THROW((void)scene.render(std::vector{above(1)}, clean()), std::invalid_argument);
+  EXPECT_THROW((void)scene.render(std::vector{above_print(1)}, clean()), std::invalid_argument);
   ImagingConditions imaging;
   imaging.noise = -1;
   EXPECT_THROW(imaging.check(), std::invalid_argument);

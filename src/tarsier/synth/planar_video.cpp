@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/synth/full_turn.h"
 #include "tarsier/synth/planar_images.h"
 #include "tarsier/synth/planar_worlds.h"
 
@@ -13,7 +14,6 @@
 namespace tarsier::synth {
 namespace {
 
-constexpr double kTurn = 2 * CV_PI;
 constexpr double kRound_s = 6;     // motion and rest together
 constexpr double kMotion_s = 4.5;  // motion in each round
 constexpr double kPass_s = 9;      // between two passes of the hand

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/synth/full_turn.h"
 #include "tarsier/synth/planar_images.h"
 
 #include <algorithm>
@@ -13,7 +14,6 @@
 namespace tarsier::synth {
 namespace {
 
-constexpr double kTurn = 2 * CV_PI;
 constexpr int kGroundPx = 1280;
 
 Eigen::Matrix3d rotation_about(const Eigen::Vector3d& axis, double angle) {

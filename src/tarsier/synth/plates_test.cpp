@@ -6,6 +6,7 @@
 #include "tarsier/synth/plate_painter.h"
 #include "tarsier/synth/plate_texts.h"
 #include "tarsier/synth/street.h"
+#include "tarsier/synth/testing_images.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -23,10 +24,6 @@ namespace {
 constexpr PlateKind kKinds[] = {
     PlateKind::kSpain,  PlateKind::kSpainOld, PlateKind::kSpainSquare, PlateKind::kSpainMoto,
     PlateKind::kEurope, PlateKind::kUs,       PlateKind::kBrazil};
-
-bool is_same(const cv::Mat& a, const cv::Mat& b) {
-  return a.size() == b.size() && a.type() == b.type() && cv::norm(a, b, cv::NORM_INF) == 0;
-}
 
 class DrawnPlates : public testing::Test {
  protected:
@@ -186,7 +183,7 @@ TEST(StrokeTypefaces, RenderWildPlatesWithCorrectTruth) {
   }
 }
 
-class Streets : public DrawnPlates {
+class StreetDrives : public DrawnPlates {
  protected:
   static StreetOptions small_drive() {
     StreetOptions options;
@@ -198,7 +195,7 @@ class Streets : public DrawnPlates {
   }
 };
 
-TEST_F(Streets, TruthMatchesDrawnPlate) {
+TEST_F(StreetDrives, TruthMatchesDrawnPlate) {
   StreetOptions options;
   options.seed = 4;
   for (std::uint64_t number = 0; number < 6; ++number) {
@@ -220,7 +217,7 @@ TEST_F(Streets, TruthMatchesDrawnPlate) {
   }
 }
 
-TEST_F(Streets, DriveShowsEveryCarAndKeepsParkedOne) {
+TEST_F(StreetDrives, DriveShowsEveryCarAndKeepsParkedOne) {
   const Drive drive(small_drive());
   const std::vector<std::string> texts = drive.texts();
   ASSERT_EQ(texts.size(), 3U);
@@ -239,7 +236,7 @@ TEST_F(Streets, DriveShowsEveryCarAndKeepsParkedOne) {
   EXPECT_GT(longest, kFrames / 2);
 }
 
-TEST_F(Streets, DependOnTimeAndSeed) {
+TEST_F(StreetDrives, DependOnTimeAndSeed) {
   const Drive drive(small_drive());
   EXPECT_TRUE(is_same(drive.at(3.5).image, Drive(small_drive()).at(3.5).image));
   StreetOptions other = small_drive();
@@ -247,7 +244,7 @@ TEST_F(Streets, DependOnTimeAndSeed) {
   EXPECT_NE(drive.texts(), Drive(other).texts());
 }
 
-TEST_F(Streets, InfraredIsGreyAndDarkAroundThePlate) {
+TEST_F(StreetDrives, InfraredIsGreyAndDarkAroundThePlate) {
   StreetOptions options = small_drive();
   options.light = StreetLight::kInfrared;
   const StreetImage image = render_car(options, 1);
@@ -257,7 +254,7 @@ TEST_F(Streets, InfraredIsGreyAndDarkAroundThePlate) {
   EXPECT_LT(cv::mean(channels[0])[0], 80);
 }
 
-TEST_F(Streets, RejectInvalidOptions) {
+TEST_F(StreetDrives, RejectInvalidOptions) {
   StreetOptions options;
   options.cars = 0;
   EXPECT_THROW(options.check(), std::invalid_argument);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/synth/sfm_scene.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
@@ -18,14 +19,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <utility>
 #include <vector>
 
 namespace tarsier::synth {
 namespace {
-
-constexpr double kRadians = std::numbers::pi / 180;
 
 const Eigen::Vector3d kSun{-0.46, 0.55, 0.697};
 constexpr double kAmbient = 0.45;
@@ -195,7 +193,7 @@ struct SfmScene::Parts {
       if (options.content == Content::kThin) box.half[1] *= 0.08;
       // Smaller than a cell of the faces' texture.
       box.top = on_plane ? rng.uniform(0.6, 2.6) : field.height(box.x, box.y) + rng.uniform(0.4, 1);
-      const double turn = rng.uniform(-45, 45) * kRadians;
+      const double turn = rng.uniform(-45, 45) * kRadiansPerDegree;
       box.cosine = std::cos(turn);
       box.sine = std::sin(turn);
       for (int c = 0; c < 3; ++c) box.tint[c] = static_cast<float>(rng.uniform(0.72, 1.08));

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/synth/sfm_scene_paths.h"
 
+#include "tarsier/core/angles.h"
+
 #include <Eigen/Geometry>
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 namespace tarsier::synth {
 namespace {
 
-constexpr double kRadians = std::numbers::pi / 180;
 constexpr double kStepDeg = 7;
 constexpr double kSpanDeg = 60;
 constexpr double kLineStep = 0.9;
@@ -26,7 +26,7 @@ geometry::Rigid3 look_along(const Eigen::Vector3d& center, const Eigen::Vector3d
   const Eigen::Vector3d level = forward.cross(up).normalized();
   const Eigen::Vector3d plumb = forward.cross(level);
   const Eigen::Vector3d right =
-      std::cos(roll * kRadians) * level + std::sin(roll * kRadians) * plumb;
+      std::cos(roll * kRadiansPerDegree) * level + std::sin(roll * kRadiansPerDegree) * plumb;
   const Eigen::Vector3d down = forward.cross(right);
   Eigen::Matrix3d rotation;
   rotation << right.transpose(), down.transpose(), forward.transpose();
@@ -61,8 +61,8 @@ geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, double rin
   const Eigen::Vector3d aim{rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), 0};
   const double roll = rng.uniform(-2, 2);
   if (pure_rotation) {
-    const double yaw = spread(index, count, kStepDeg, kSpanDeg) * kRadians;
-    const double pitch = rng.uniform(-5, 5) * kRadians;
+    const double yaw = spread(index, count, kStepDeg, kSpanDeg) * kRadiansPerDegree;
+    const double pitch = rng.uniform(-5, 5) * kRadiansPerDegree;
     return look_along(
         {0, 0, kCameraDistance},
         {std::sin(yaw) * std::cos(pitch), std::sin(pitch), -std::cos(yaw) * std::cos(pitch)}, y_up,
@@ -70,15 +70,15 @@ geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, double rin
   }
   switch (trajectory) {
     case Trajectory::kArc: {
-      const double angle = spread(index, count, kStepDeg, kSpanDeg) * kRadians;
+      const double angle = spread(index, count, kStepDeg, kSpanDeg) * kRadiansPerDegree;
       const Eigen::Vector3d center =
           kSceneCenter + kCameraDistance * Eigen::Vector3d(std::sin(angle), 0, std::cos(angle)) +
           shake;
       return look_along(center, kSceneCenter + aim - center, y_up, roll);
     }
     case Trajectory::kRing: {
-      const double angle = 360.0 * index / count * kRadians;
-      const double rise = (ring_deg + rng.uniform(-2, 2)) * kRadians;
+      const double angle = 360.0 * index / count * kRadiansPerDegree;
+      const double rise = (ring_deg + rng.uniform(-2, 2)) * kRadiansPerDegree;
       const Eigen::Vector3d center =
           kSceneCenter + kCameraDistance * Eigen::Vector3d(std::cos(rise) * std::cos(angle),
                                                            std::cos(rise) * std::sin(angle),

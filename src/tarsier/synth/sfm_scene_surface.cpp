@@ -2,11 +2,11 @@
 #include "tarsier/synth/sfm_scene_surface.h"
 
 #include "tarsier/core/stop.h"
+#include "tarsier/synth/full_turn.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 #include <vector>
 
 namespace tarsier::synth {
@@ -80,7 +80,6 @@ class Triangulation {
   }
 
   void add_column(const Solid& solid) {
-    constexpr double kTurn = 2 * std::numbers::pi;
     constexpr int kMinSides = 24;
     const double radius = solid.half[0];
     const int around = std::max(kMinSides, steps_of(kTurn * radius));

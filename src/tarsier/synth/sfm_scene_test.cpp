@@ -2,6 +2,7 @@
 #include "tarsier/synth/sfm_scene.h"
 
 #include "tarsier/synth/sfm_scene_streets.h"
+#include "tarsier/synth/testing_images.h"
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
@@ -75,8 +76,6 @@ double correlation_after_half_turn(const SfmScene& scene) {
   cv::matchTemplate(cv::Mat(here), cv::Mat(there), correlation, cv::TM_CCOEFF_NORMED);
   return correlation.at<float>(0);
 }
-
-bool is_same(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
 
 TEST(SfmScene, SymmetricBoxSidesDifferOnlyInDetails) {
   SceneOptions options = small(Content::kSymmetric, Trajectory::kRing);

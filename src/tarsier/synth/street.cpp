@@ -13,19 +13,14 @@
 #include <mutex>
 
 namespace tarsier::synth {
-namespace {
 
-constexpr double kEyeHeight = 1.7;  // m above the road
-constexpr double kWheelRow = 606;   // of the sprite, contact of the tyres with the road
-constexpr double kMetre = kBodyWidth / kCarMetres;  // px of the sprite
-
-// Camera frame: x right, y down, z forward, m.
-struct Camera {
+// Its frame: x right, y down, z forward, m.
+struct StreetCamera {
   cv::Size size;
   double focal;  // px
   cv::Point2d centre;
 
-  explicit Camera(cv::Size image_size)
+  explicit StreetCamera(cv::Size image_size)
       : size(image_size),
         focal(0.86 * image_size.width),
         centre(image_size.width / 2.0, image_size.height * 0.42) {}
@@ -36,14 +31,20 @@ struct Camera {
   }
 };
 
-struct Pose {
+struct CarPose {
   double x = 0;    // m
   double z = 10;   // m
   double yaw = 0;  // rad; positive: its right side (in the image) is farther away
 };
 
+namespace {
+
+constexpr double kEyeHeight = 1.7;  // m above the road
+constexpr double kWheelRow = 606;   // of the sprite, contact of the tyres with the road
+constexpr double kMetre = kBodyWidth / kCarMetres;  // px of the sprite
+
 // Projection of a point of the sprite (px of its first level).
-cv::Point2f seen(const Camera& camera, const Pose& pose, double sx, double sy) {
+cv::Point2f seen(const StreetCamera& camera, const CarPose& pose, double sx, double sy) {
   const double across = (sx - kSpriteWidth / 2.0) / kMetre;
   return camera.project(pose.x + across * std::cos(pose.yaw),
                         kEyeHeight - (kWheelRow - sy) / kMetre,
@@ -52,7 +53,7 @@ cv::Point2f seen(const Camera& camera, const Pose& pose, double sx, double sy) {
 
 using Quad = std::array<cv::Point2f, 4>;
 
-Quad seen(const Camera& camera, const Pose& pose, const cv::Rect2f& box) {
+Quad seen(const StreetCamera& camera, const CarPose& pose, const cv::Rect2f& box) {
   const auto at = [&](float x, float y) {
     return seen(camera, pose, static_cast<double>(x), static_cast<double>(y));
   };
@@ -70,7 +71,8 @@ cv::Rect2f upright_box(const Quad& quad) {
   return {low, high};
 }
 
-void put_car(cv::Mat& image, const Camera& camera, const Pose& pose, const CarSprite& car) {
+void put_car(cv::Mat& image, const StreetCamera& camera, const CarPose& pose,
+             const CarSprite& car) {
   const Quad corners = seen(camera, pose, {0, 0, kSpriteWidth, kSpriteHeight});
   const cv::Rect2f box = upright_box(corners);
   const cv::Rect window =
@@ -110,7 +112,7 @@ void put_car(cv::Mat& image, const Camera& camera, const Pose& pose, const CarSp
   }
 }
 
-void put_shadow(cv::Mat& image, const Camera& camera, const Pose& pose) {
+void put_shadow(cv::Mat& image, const StreetCamera& camera, const CarPose& pose) {
   const cv::Point2f middle = camera.project(pose.x, kEyeHeight, pose.z + 0.3);
   const cv::Size axes(std::max(1, cvRound(camera.focal * 1.05 / pose.z)),
                       std::max(1, cvRound(camera.focal * kEyeHeight * 0.9 / pose.z / pose.z)));
@@ -177,7 +179,7 @@ void draw_house(cv::Mat& image, const cv::Rect& wall, bool night, Rng& rng) {
   }
 }
 
-cv::Mat draw_background(const Camera& camera, StreetLight light, Rng& rng) {
+cv::Mat draw_background(const StreetCamera& camera, StreetLight light, Rng& rng) {
   cv::Mat image(camera.size, CV_8UC3);
   const int horizon = cvRound(camera.centre.y);
   for (int y = 0; y < image.rows; ++y) {
@@ -248,8 +250,8 @@ std::string any_text(PlateKind kind, Rng& rng) {
   return text;
 }
 
-StreetImage compose(const cv::Mat& background, const Camera& camera, StreetLight light,
-                    std::vector<std::pair<const CarSprite*, std::pair<int, Pose>>> cars) {
+StreetImage compose(const cv::Mat& background, const StreetCamera& camera, StreetLight light,
+                    std::vector<std::pair<const CarSprite*, std::pair<int, CarPose>>> cars) {
   std::stable_sort(cars.begin(), cars.end(), [](const auto& a, const auto& b) {
     return a.second.second.z > b.second.second.z;
   });
@@ -257,7 +259,7 @@ StreetImage compose(const cv::Mat& background, const Camera& camera, StreetLight
   result.image = background.clone();
   for (std::size_t i = 0; i < cars.size(); ++i) {
     const CarSprite& car = *cars[i].first;
-    const Pose& pose = cars[i].second.second;
+    const CarPose& pose = cars[i].second.second;
     if (light == StreetLight::kDay) put_shadow(result.image, camera, pose);
     put_car(result.image, camera, pose, car);
     if (light != StreetLight::kDay) {
@@ -314,12 +316,12 @@ struct Drive::Parts {
   struct Car {
     Role role;
     CarSprite sprite;
-    Pose pose;     // parked and far: its fixed position
+    CarPose pose;  // parked and far: its fixed position
     double start;  // s
     double speed;  // m/s
   };
   StreetOptions options;
-  Camera camera;
+  StreetCamera camera;
   cv::Mat background;
   std::vector<Car> cars;
 
@@ -327,7 +329,7 @@ struct Drive::Parts {
       : options(street_options), camera(street_options.size) {}
 
   // Sets the position of a car; returns whether it is on the street.
-  [[nodiscard]] bool place(const Car& car, double time, Pose& pose) const {
+  [[nodiscard]] bool place(const Car& car, double time, CarPose& pose) const {
     constexpr double kHorizon = 90;
     pose = car.pose;
     const double t = time - car.start;
@@ -397,9 +399,9 @@ Drive::Drive(Drive&&) noexcept = default;
 Drive& Drive::operator=(Drive&&) noexcept = default;
 
 StreetImage Drive::at(double time) const {
-  std::vector<std::pair<const CarSprite*, std::pair<int, Pose>>> visible_cars;
+  std::vector<std::pair<const CarSprite*, std::pair<int, CarPose>>> visible_cars;
   for (std::size_t i = 0; i < parts_->cars.size(); ++i) {
-    Pose pose;
+    CarPose pose;
     if (parts_->place(parts_->cars[i], time, pose))
       visible_cars.push_back({&parts_->cars[i].sprite, {static_cast<int>(i) + 1, pose}});
   }
@@ -443,10 +445,10 @@ StreetImage render_car(const StreetOptions& options, std::uint64_t number) {
   const std::shared_ptr<const GlyphSet> glyphs =
       options.wild ? drawn_glyphs(options.seed) : installed_glyphs();
   Rng rng = Rng(options.seed).fork(number + 1000);
-  const Camera camera(options.size);
+  const StreetCamera camera(options.size);
   const cv::Mat background = draw_background(camera, options.light, rng);
   std::vector<CarSprite> sprites;
-  std::vector<Pose> poses;
+  std::vector<CarPose> poses;
   const int count = rng.uniform() < 0.35 ? 2 : 1;
   // Any nearer, a plate 1.45 m below the eye would be below the image.
   const double nearest = camera.focal * 1.5 / (options.size.height - camera.centre.y);
@@ -455,7 +457,7 @@ StreetImage render_car(const StreetOptions& options, std::uint64_t number) {
         rng.integer(0, static_cast<int>(options.kinds.size()) - 1))];
     sprites.push_back(
         draw_car(*glyphs, options.light, kind, any_text(kind, rng), rng, options.wild));
-    Pose pose;
+    CarPose pose;
     pose.z = nearest * std::pow(options.max_distance_ratio, rng.uniform());
     const double reach = pose.z * options.size.width / camera.focal / 2 - 1.1;
     pose.x = count == 1 ? rng.uniform(-0.8, 0.8) * std::max(0.1, reach)
@@ -463,7 +465,7 @@ StreetImage render_car(const StreetOptions& options, std::uint64_t number) {
     pose.yaw = std::clamp(rng.normal(0, 0.25), -0.6, 0.6);
     poses.push_back(pose);
   }
-  std::vector<std::pair<const CarSprite*, std::pair<int, Pose>>> visible_cars;
+  std::vector<std::pair<const CarSprite*, std::pair<int, CarPose>>> visible_cars;
   for (int i = 0; i < count; ++i) {
     const auto k = static_cast<std::size_t>(i);
     visible_cars.push_back({&sprites[k], {i + 1, poses[k]}});

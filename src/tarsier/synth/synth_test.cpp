@@ -5,6 +5,7 @@
 #include "tarsier/synth/portrait.h"
 #include "tarsier/synth/scene.h"
 #include "tarsier/synth/sources.h"
+#include "tarsier/synth/testing_images.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -19,10 +20,6 @@ namespace {
 
 using std::chrono::milliseconds;
 using ::testing::HasSubstr;
-
-bool is_same(const cv::Mat& a, const cv::Mat& b) {
-  return a.size() == b.size() && a.type() == b.type() && cv::norm(a, b, cv::NORM_INF) == 0;
-}
 
 cv::Mat through_jpeg(const cv::Mat& image, int quality) {
   std::vector<std::uint8_t> bytes;

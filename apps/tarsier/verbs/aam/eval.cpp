@@ -23,7 +23,7 @@
 namespace tarsier::cli {
 namespace {
 
-struct EvalFlags {
+struct AamEvalFlags {
   SetFlags set;
   AamFlags aam;
   int held_out = 0;
@@ -34,21 +34,6 @@ struct EvalFlags {
   int tries = 5;
   std::vector<int> eyes;
 };
-
-std::array<int, 2> eyes_of(const EvalFlags& flags, int points) {
-  if (!flags.eyes.empty()) {
-    for (const int eye : flags.eyes) {
-      if (eye < 0 || eye >= points)
-        throw UsageError(fmt::format("--eyes {}: the set has points 0..{}", eye, points - 1));
-    }
-    return {flags.eyes[0], flags.eyes[1]};
-  }
-  const auto markup = face::shape::known_markup(points);
-  if (!markup || markup->outer_eyes[0] < 0)
-    throw UsageError(fmt::format(
-        "--eyes A,B: unknown markup of {} points; give the two outer eye corners", points));
-  return markup->outer_eyes;
-}
 
 std::string line_of(const std::string& image, const std::optional<Eigen::Matrix2Xd>& points,
                     double ms) {
@@ -78,7 +63,7 @@ const face::appearance::TrackedObject* nearest_object(
   return best;
 }
 
-ExitStatus convergence(const EvalFlags& flags, const face::shape::LandmarkSet& set,
+ExitStatus convergence(const AamEvalFlags& flags, const face::shape::LandmarkSet& set,
                        const face::AppearanceTracker& tracker, Context& context) {
   face::appearance::LoadOptions load;
   std::vector<std::string> skipped;
@@ -88,7 +73,7 @@ ExitStatus convergence(const EvalFlags& flags, const face::shape::LandmarkSet& s
   face::appearance::ConvergenceOptions options;
   options.tries = flags.tries;
   options.limit = flags.limit / 100;
-  options.eyes = eyes_of(flags, set.points());
+  options.eyes = outer_eyes_of(flags.eyes, set.points());
   options.seed = context.seed;
   std::vector<face::appearance::ConvergenceCurve> curves;
   for (const auto& [name, method] :
@@ -117,7 +102,7 @@ ExitStatus convergence(const EvalFlags& flags, const face::shape::LandmarkSet& s
   return ExitStatus::kDone;
 }
 
-ExitStatus run_eval(EvalFlags& flags, Context& context) {
+ExitStatus run_aam_eval(AamEvalFlags& flags, Context& context) {
   const face::shape::LandmarkSet set =
       face::shape::complete_samples(part_of(load_set(flags.set), flags.held_out, Part::kHeldOut));
   if (set.samples.empty())
@@ -126,7 +111,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   if (tracker.model().points() != set.points())
     throw InputError(flags.set.input, fmt::format("has {} points, the model {}", set.points(),
                                                   tracker.model().points()));
-  const std::array<int, 2> eyes = eyes_of(flags, set.points());
+  const std::array<int, 2> eyes = outer_eyes_of(flags.eyes, set.points());
   if (!flags.convergence.empty()) return convergence(flags, set, tracker, context);
 
   std::vector<face::landmarks::FitOutcome> outcomes;
@@ -134,7 +119,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   std::string table = "image,nme,missed,wrong,dx,dy,error,lost,iterations,ms\n";
   const face::appearance::FindStarts find = tracker.find_starts();
   face::appearance::FitWorkspace workspace;
-  double milliseconds = 0;
+  double total_ms = 0;
   int iterations = 0;
   int within_limit = 0;
   context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "images");
@@ -152,7 +137,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
     const std::vector<face::appearance::TrackedObject> objects =
         face::appearance::find_objects(tracker.fitter(), find, image, 4, workspace);
     const double ms = watch.ms();
-    milliseconds += ms;
+    total_ms += ms;
     const face::appearance::TrackedObject* object = nearest_object(objects, sample.points);
     std::optional<Eigen::Matrix2Xd> points;
     if (object != nullptr) points = object->fit.points;
@@ -190,7 +175,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
         {"bias_x", rounded(score.dx, 4)},
         {"bias_y", rounded(score.dy, 4)},
         {"iterations", rounded(static_cast<double>(iterations) / fitted, 4)},
-        {"ms", rounded(milliseconds / std::max(1, score.faces), 4)}};
+        {"ms", rounded(total_ms / std::max(1, score.faces), 4)}};
     print_json(line);
   } else {
     print_text(fmt::format(
@@ -199,12 +184,12 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
         "iterations, {:.1f} ms\n",
         score.faces, score.missed, score.wrong, score.mean, score.median, flags.limit, 100 * share,
         100 * score.failures, score.dx, score.dy, static_cast<double>(iterations) / fitted,
-        milliseconds / std::max(1, score.faces)));
+        total_ms / std::max(1, score.faces)));
   }
   return score.missed == score.faces ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
 
-void add_flags(Command& verb, EvalFlags& flags) {
+void add_flags(Command& verb, AamEvalFlags& flags) {
   add_set_flags(verb, flags.set);
   add_aam_flags(verb, flags.aam);
   verb.add_option("--held-out", flags.held_out,
@@ -232,8 +217,8 @@ void add_flags(Command& verb, EvalFlags& flags) {
 }  // namespace
 
 void add_aam_eval(Command& area, Context& context) {
-  add_verb<EvalFlags>(area, "eval", "evaluate fits on annotated images", context, add_flags,
-                      run_eval);
+  add_verb<AamEvalFlags>(area, "eval", "evaluate fits on annotated images", context, add_flags,
+                         run_aam_eval);
 }
 
 }  // namespace tarsier::cli

@@ -16,7 +16,7 @@ namespace {
 
 using Overlay = AppearanceSession::Overlay;
 
-struct FitFlags {
+struct AamFitFlags {
   RunFlags run;
   AamFlags aam;
   std::string draw = "mesh";
@@ -25,7 +25,7 @@ struct FitFlags {
 };
 
 // Columns of --csv: one row per face and frame.
-std::string columns(int points) {
+std::string fit_columns(int points) {
   std::string names = "frame,time,image,face,error,iterations,status";
   for (int p = 0; p < points; ++p) names += fmt::format(",x{0},y{0}", p);
   return names;
@@ -75,7 +75,7 @@ Overlay parse_overlay(const std::string& name) {
   throw UsageError(fmt::format("--draw {}: expected mesh, face, points or nothing", name));
 }
 
-ExitStatus run_fit(FitFlags& flags, Context& context) {
+ExitStatus run_aam_fit(AamFitFlags& flags, Context& context) {
   default_to_headless(flags.run);
   const Overlay overlay = parse_overlay(flags.draw);
   const face::AppearanceTracker tracker = load_appearance_tracker(flags.aam);
@@ -88,7 +88,7 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   RunHooks hooks;
   hooks.title = "appearance";
   hooks.debug = &debug;
-  hooks.table = {flags.csv, columns(tracker.model().points())};
+  hooks.table = {flags.csv, fit_columns(tracker.model().points())};
   hooks.rows = [&](const Frame& frame) {
     std::vector<std::string> rows;
     for (const face::appearance::TrackedObject& object : session.objects())
@@ -117,7 +117,7 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
 }
 
-void add_flags(Command& verb, FitFlags& flags) {
+void add_flags(Command& verb, AamFitFlags& flags) {
   add_run_flags(verb, flags.run);
   add_aam_flags(verb, flags.aam);
   verb.add_option("--draw", flags.draw,
@@ -134,8 +134,8 @@ void add_flags(Command& verb, FitFlags& flags) {
 
 void add_aam_fit(Command& area, Context& context) {
   add_debug_flag(
-      add_verb<FitFlags>(area, "fit", "fit a model to images, videos and cameras (tracked)",
-                         context, add_flags, run_fit),
+      add_verb<AamFitFlags>(area, "fit", "fit a model to images, videos and cameras (tracked)",
+                            context, add_flags, run_aam_fit),
       context);
 }
 

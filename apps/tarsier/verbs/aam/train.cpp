@@ -28,7 +28,7 @@ namespace {
 using face::appearance::AppearanceModel;
 using face::appearance::TrainingImage;
 
-struct TrainFlags : TrainingFlags {
+struct AamTrainFlags : TrainingFlags {
   std::string channels = "oriented";
   std::string mesh;
   bool no_detector = false;
@@ -57,7 +57,7 @@ face::appearance::Detect nearest_face() {
   };
 }
 
-ExitStatus train(TrainFlags& flags, Context& context) {
+ExitStatus train_appearance(AamTrainFlags& flags, Context& context) {
   const Stopwatch watch;
   face::appearance::AppearanceOptions& options = flags.options;
   options.channels = face::appearance::parse_channels(flags.channels);
@@ -130,7 +130,7 @@ ExitStatus train(TrainFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-void add_flags(Command& verb, TrainFlags& flags) {
+void add_flags(Command& verb, AamTrainFlags& flags) {
   add_training_flags(verb, flags, "aam eval");
   face::appearance::AppearanceOptions& options = flags.options;
   verb.add_option(
@@ -159,8 +159,8 @@ void add_flags(Command& verb, TrainFlags& flags) {
 }  // namespace
 
 void add_aam_train(Command& area, Context& context) {
-  add_verb<TrainFlags>(area, "train", "train an appearance model on annotated images", context,
-                       add_flags, train);
+  add_verb<AamTrainFlags>(area, "train", "train an appearance model on annotated images", context,
+                          add_flags, train_appearance);
 }
 
 }  // namespace tarsier::cli

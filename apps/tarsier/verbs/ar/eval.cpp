@@ -23,7 +23,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-struct EvalFlags {
+struct MarkerEvalFlags {
   std::string truth;
   std::string family;
   std::string backend = "own";
@@ -34,8 +34,8 @@ struct EvalFlags {
 };
 
 // Detects the markers in the image of a line.
-planar::MarkerResult find_markers(const planar::markers::MarkerTruth& truth, const EvalFlags& flags,
-                                  planar::MarkerState& state) {
+planar::MarkerResult find_markers(const planar::markers::MarkerTruth& truth,
+                                  const MarkerEvalFlags& flags, planar::MarkerState& state) {
   planar::MarkerTrackerOptions options;
   options.families = {truth.family};
   options.side = truth.size;
@@ -86,7 +86,7 @@ void print_score(const std::string& set, const planar::markers::MarkerScore& sco
 }
 
 // The markers of the lines whose truth names an image.
-std::map<std::string, planar::markers::ImageDetections> find_images(const EvalFlags& flags,
+std::map<std::string, planar::markers::ImageDetections> find_images(const MarkerEvalFlags& flags,
                                                                     Context& context,
                                                                     std::string& lines) {
   std::map<std::string, planar::markers::ImageDetections> found;
@@ -112,7 +112,7 @@ std::map<std::string, planar::markers::ImageDetections> find_images(const EvalFl
 }
 
 std::map<std::string, planar::markers::ImageDetections> find_all(
-    const EvalFlags& flags, const std::vector<planar::markers::MarkerTruth>& truth,
+    const MarkerEvalFlags& flags, const std::vector<planar::markers::MarkerTruth>& truth,
     Context& context, std::string& lines) {
   if (!flags.results.empty()) return planar::markers::read_detected_markers(flags.results);
   context.progress->begin("images", static_cast<std::int64_t>(truth.size()), "images");
@@ -125,9 +125,9 @@ std::map<std::string, planar::markers::ImageDetections> find_all(
       throw_if_stopped(context.stop);
       const planar::MarkerResult result = find_markers(line, flags, state);
       context.progress->advance();
-      Json json{{"image", line.image}};
-      json.update(to_json(result));
-      lines += json.dump() + "\n";
+      Json object{{"image", line.image}};
+      object.update(to_json(result));
+      lines += object.dump() + "\n";
       planar::markers::ImageDetections& entry = found[line.image];
       entry = {{}, result.ms};
       for (const planar::TrackedMarker& one : result.markers)
@@ -138,7 +138,7 @@ std::map<std::string, planar::markers::ImageDetections> find_all(
   return found;
 }
 
-ExitStatus run_eval(const EvalFlags& flags, Context& context) {
+ExitStatus run_marker_eval(const MarkerEvalFlags& flags, Context& context) {
   std::vector<planar::markers::MarkerTruth> truth = planar::markers::read_marker_truth(flags.truth);
   const bool has_images = !truth.front().target.empty();
   for (const planar::markers::MarkerTruth& line : truth) {
@@ -178,7 +178,7 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
   return answered > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
-void add_flags(Command& verb, EvalFlags& flags) {
+void add_flags(Command& verb, MarkerEvalFlags& flags) {
   verb.add_option("truth", flags.truth,
                   "ground truth: JSON lines {\"image\", \"family\" or \"target\", \"K\", \"size\", "
                   "\"markers\"}")
@@ -204,9 +204,9 @@ void add_flags(Command& verb, EvalFlags& flags) {
 }  // namespace
 
 void add_ar_eval(Command& ar, Context& context) {
-  add_verb<EvalFlags>(ar, "eval",
-                      "evaluate detection and pose against ground truth (of `ar synth`)", context,
-                      add_flags, run_eval);
+  add_verb<MarkerEvalFlags>(ar, "eval",
+                            "evaluate detection and pose against ground truth (of `ar synth`)",
+                            context, add_flags, run_marker_eval);
 }
 
 }  // namespace tarsier::cli

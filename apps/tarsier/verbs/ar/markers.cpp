@@ -45,7 +45,7 @@ struct MarkersFlags {
 };
 
 // Columns of --csv: one row per marker and frame.
-constexpr const char* kColumns =
+constexpr const char* kMarkerColumns =
     "frame,time,image,id,x,y,z,rx,ry,rz,error_px,ambiguity,x0,y0,x1,y1,x2,y2,x3,y3";
 
 std::string row_of(const Frame& frame, const planar::TrackedMarker& posed) {
@@ -139,7 +139,7 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
       print_text("\n");
     }
   };
-  hooks.table = {flags.csv, kColumns};
+  hooks.table = {flags.csv, kMarkerColumns};
   hooks.rows = [&](const Frame& frame) {
     std::vector<std::string> rows;
     for (const planar::TrackedMarker& posed : session.result().markers)

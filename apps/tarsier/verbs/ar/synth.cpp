@@ -28,7 +28,7 @@ namespace fs = std::filesystem;
 
 constexpr double kMinTarget = 80;  // px: smaller images cannot be recognised
 
-struct SynthFlags {
+struct PlanarSynthFlags {
   std::string what;
   std::string output;
   int count = 20;
@@ -52,7 +52,7 @@ std::vector<synth::PlanarLevel> levels_of(const std::string& name) {
 }
 
 // The given images, or synthetic posters; all are written to OUT/targets/.
-std::vector<synth::PlanarPrint> targets_of(const SynthFlags& flags, const Context& context) {
+std::vector<synth::PlanarPrint> targets_of(const PlanarSynthFlags& flags, const Context& context) {
   std::vector<synth::PlanarPrint> prints;
   if (flags.images.empty()) {
     for (int i = 0; i < flags.posters; ++i) prints.push_back(synth::poster_print(i, context.seed));
@@ -76,7 +76,7 @@ std::vector<synth::PlanarPrint> targets_of(const SynthFlags& flags, const Contex
   return prints;
 }
 
-ExitStatus make_images(SynthFlags& flags, Context& context) {
+ExitStatus make_images(PlanarSynthFlags& flags, Context& context) {
   const bool is_planar = flags.what == "planar";
   flags.still.size = parse_size(flags.size, 64, 8192);
   if (is_planar && flags.min_side->count() == 0) flags.still.min_side_px = kMinTarget;
@@ -126,7 +126,7 @@ ExitStatus make_images(SynthFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-void add_flags(Command& verb, SynthFlags& flags) {
+void add_flags(Command& verb, PlanarSynthFlags& flags) {
   verb.add_option("what", flags.what, "markers or planar (images as targets)")
       .required()
       .check(one_of({"markers", "planar"}));
@@ -161,9 +161,9 @@ void add_flags(Command& verb, SynthFlags& flags) {
 }  // namespace
 
 void add_ar_synth(Command& ar, Context& context) {
-  add_verb<SynthFlags>(ar, "synth",
-                       "render synthetic images of markers or image targets: images/, truth.jsonl",
-                       context, add_flags, make_images);
+  add_verb<PlanarSynthFlags>(
+      ar, "synth", "render synthetic images of markers or image targets: images/, truth.jsonl",
+      context, add_flags, make_images);
 }
 
 }  // namespace tarsier::cli

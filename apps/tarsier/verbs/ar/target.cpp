@@ -27,7 +27,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-struct TrainFlags {
+struct TargetTrainFlags {
   std::string image;
   std::string output;
   std::string width = "20cm";
@@ -36,7 +36,7 @@ struct TrainFlags {
   planar::image_targets::TrainOptions options;
 };
 
-ExitStatus run_train(TrainFlags& flags, Context& context) {
+ExitStatus run_train_target(TargetTrainFlags& flags, Context& context) {
   flags.options.width = parse_length(flags.width, "--width");
   flags.options.seed = context.seed;
   flags.options.check();
@@ -100,7 +100,8 @@ struct FollowFlags {
 };
 
 // Columns of --csv: one row per target and frame.
-constexpr const char* kColumns = "frame,time,id,confidence,x0,y0,x1,y1,x2,y2,x3,y3,tx,ty,tz,rms_px";
+constexpr const char* kTargetColumns =
+    "frame,time,id,confidence,x0,y0,x1,y1,x2,y2,x3,y3,tx,ty,tz,rms_px";
 
 std::string row_of(const Frame& frame, const planar::image_targets::TrackedTarget& seen) {
   std::string row =
@@ -162,7 +163,7 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
       print_text(result.tracked.empty() ? " none\n" : "\n");
     }
   };
-  hooks.table = {flags.csv, kColumns};
+  hooks.table = {flags.csv, kTargetColumns};
   hooks.rows = [&](const Frame& frame) {
     std::vector<std::string> rows;
     for (const planar::image_targets::TrackedTarget& seen : session.result().tracked)
@@ -176,7 +177,7 @@ ExitStatus run_follow(FollowFlags& flags, Context& context) {
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
 }
 
-void add_train_flags(Command& verb, TrainFlags& flags) {
+void add_train_flags(Command& verb, TargetTrainFlags& flags) {
   verb.add_option("image", flags.image, "image of the flat target, frontal, without margin")
       .required();
   verb.add_option("-o,--output", flags.output, "output target file: cover.target.json").required();
@@ -206,9 +207,9 @@ void add_track_flags(Command& verb, FollowFlags& flags) {
 }  // namespace
 
 void add_ar_target_train(Command& ar, Context& context) {
-  add_verb<TrainFlags>(ar, "target-train",
-                       "make a target file from an image, for detection and tracking", context,
-                       add_train_flags, run_train);
+  add_verb<TargetTrainFlags>(ar, "target-train",
+                             "make a target file from an image, for detection and tracking",
+                             context, add_train_flags, run_train_target);
 }
 
 void add_ar_target_track(Command& ar, Context& context) {

@@ -27,7 +27,7 @@
 namespace tarsier::cli {
 namespace {
 
-struct EvalFlags {
+struct LandmarkEvalFlags {
   SetFlags set;
   LandmarkFlags landmarks;
   int held_out = 0;
@@ -40,24 +40,6 @@ struct EvalFlags {
   bool worst = false;
   bool occlude = false;
 };
-
-std::array<int, 2> eyes_of(const EvalFlags& flags, const face::shape::LandmarkSet& set) {
-  if (!flags.eyes.empty()) {
-    const std::array<int, 2> eyes{flags.eyes[0], flags.eyes[1]};
-    for (const int eye : eyes) {
-      if (eye < 0 || eye >= set.points()) {
-        throw UsageError(fmt::format("--eyes {}: the set has points 0..{}", eye, set.points() - 1));
-      }
-    }
-    return eyes;
-  }
-  const auto markup = face::shape::known_markup(set.points());
-  if (!markup || markup->outer_eyes[0] < 0) {
-    throw UsageError(fmt::format(
-        "--eyes A,B: unknown markup of {} points; give the two outer eye corners", set.points()));
-  }
-  return markup->outer_eyes;
-}
 
 nlohmann::ordered_json json_of(const face::landmarks::LandmarkScore& score) {
   return {{"faces", score.faces},
@@ -98,10 +80,10 @@ std::string text_of(const face::landmarks::VisibilityScore& visibility) {
                      100 * visibility.coverage(), visibility.hidden + visibility.visible);
 }
 
-ExitStatus study_persons(const EvalFlags& flags, const face::shape::LandmarkSet& set,
+ExitStatus study_persons(const LandmarkEvalFlags& flags, const face::shape::LandmarkSet& set,
                          Context& context) {
   const face::landmarks::PersonStudy study = face::landmarks::study_persons(
-      set, eyes_of(flags, set), context.seed, *context.progress, context.stop);
+      set, outer_eyes_of(flags.eyes, set.points()), context.seed, *context.progress, context.stop);
   for (const face::landmarks::PersonStudy::Row& row : study.rows) {
     if (context.json) {
       nlohmann::ordered_json line = {{"person", row.person},
@@ -130,7 +112,7 @@ ExitStatus study_persons(const EvalFlags& flags, const face::shape::LandmarkSet&
 }
 
 // Evaluates boxes only.
-ExitStatus evaluate_detection(const EvalFlags& flags, Context& context) {
+ExitStatus evaluate_detection(const LandmarkEvalFlags& flags, Context& context) {
   const std::vector<face::shape::BoxedImage> images =
       load_boxes(flags.set, flags.held_out, Part::kHeldOut);
   const face::LandmarkTracker tracker = load_landmark_tracker(flags.landmarks);
@@ -171,7 +153,7 @@ ExitStatus evaluate_detection(const EvalFlags& flags, Context& context) {
   return score.found == 0 ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
 
-ExitStatus run_eval(EvalFlags& flags, Context& context) {
+ExitStatus run_landmark_eval(LandmarkEvalFlags& flags, Context& context) {
   if (flags.occlude && (flags.detection || flags.by_person || !flags.results.empty()))
     throw UsageError(
         "--occlude evaluates a model on images: not with --detection, --by-person, --results");
@@ -181,7 +163,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   if (set.samples.empty())
     throw InputError(flags.set.input, "no complete sample is left to evaluate");
   if (flags.by_person) return study_persons(flags, set, context);
-  const std::array<int, 2> eyes = eyes_of(flags, set);
+  const std::array<int, 2> eyes = outer_eyes_of(flags.eyes, set.points());
 
   std::optional<face::LandmarkTracker> tracker;
   face::LandmarkState state;
@@ -197,7 +179,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   }
   std::vector<face::landmarks::FitOutcome> outcomes;
   std::string lines;
-  double milliseconds = 0;
+  double total_ms = 0;
   face::landmarks::VisibilityScore visibility;
   const Rng root(context.seed);
   context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "faces");
@@ -226,7 +208,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
       }
       const face::LandmarkResult result = tracker->process(frame, state);
       ms = result.ms;
-      milliseconds += ms;
+      total_ms += ms;
       if (!result.faces.empty()) {
         points = result.faces.front().points;
         if (tracker->model().visibility) seen_visibility = result.faces.front().visibility;
@@ -260,7 +242,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   if (context.json) {
     nlohmann::ordered_json line = json_of(score);
     if (visibility.hidden + visibility.visible > 0) line["visibility"] = json_of(visibility);
-    if (tracker) line["ms"] = rounded(milliseconds / std::max(1, score.faces), 2);
+    if (tracker) line["ms"] = rounded(total_ms / std::max(1, score.faces), 2);
     print_json(line);
   } else {
     print_text(text_of(score));
@@ -269,7 +251,7 @@ ExitStatus run_eval(EvalFlags& flags, Context& context) {
   return score.missed == score.faces ? ExitStatus::kNothingFound : ExitStatus::kDone;
 }
 
-void add_flags(Command& verb, EvalFlags& flags) {
+void add_flags(Command& verb, LandmarkEvalFlags& flags) {
   add_set_flags(verb, flags.set);
   add_landmark_flags(verb, flags.landmarks);
   verb.add_option("--held-out", flags.held_out,
@@ -299,8 +281,8 @@ void add_flags(Command& verb, EvalFlags& flags) {
 }  // namespace
 
 void add_landmarks_eval(Command& area, Context& context) {
-  add_verb<EvalFlags>(area, "eval", "evaluate accuracy on annotated images", context, add_flags,
-                      run_eval);
+  add_verb<LandmarkEvalFlags>(area, "eval", "evaluate accuracy on annotated images", context,
+                              add_flags, run_landmark_eval);
 }
 
 }  // namespace tarsier::cli

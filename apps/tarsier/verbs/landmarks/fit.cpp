@@ -21,7 +21,7 @@ namespace {
 
 const double kDefaultGain = face::landmarks::AlphaBetaFilterOptions{}.gain;
 
-struct FitFlags {
+struct LandmarkFitFlags {
   RunFlags run;
   LandmarkFlags landmarks;
   face::landmarks::TrackerOptions tracker;
@@ -31,7 +31,7 @@ struct FitFlags {
 };
 
 // Columns of --csv: one row per face and frame.
-std::string columns(int points) {
+std::string landmark_columns(int points) {
   std::string names = "frame,time,face,score";
   for (int p = 0; p < points; ++p) names += fmt::format(",x{0},y{0}", p);
   return names;
@@ -46,7 +46,7 @@ std::string row_of(const Frame& frame, const face::landmarks::TrackedFace& face)
   return row;
 }
 
-ExitStatus run_fit(FitFlags& flags, Context& context) {
+ExitStatus run_landmark_fit(LandmarkFitFlags& flags, Context& context) {
   if (flags.smooth >= 0) {
     flags.tracker.smoothing = flags.smooth > 0;
     if (flags.smooth > 0) flags.tracker.filter.gain = std::min(1.0, kDefaultGain / flags.smooth);
@@ -55,7 +55,7 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   default_to_headless(flags.run);
   face::LandmarkTracker tracker = load_landmark_tracker(flags.landmarks, flags.tracker);
   RunHooks hooks;
-  hooks.table = {flags.csv, columns(tracker.model().points())};
+  hooks.table = {flags.csv, landmark_columns(tracker.model().points())};
   DebugFolder debug(context.debug_dir);
   LandmarkSession session(std::move(tracker), debug.sink());
   bool found = false;
@@ -86,7 +86,7 @@ ExitStatus run_fit(FitFlags& flags, Context& context) {
   return status == ExitStatus::kDone && !found ? ExitStatus::kNothingFound : status;
 }
 
-void add_flags(Command& verb, FitFlags& flags) {
+void add_flags(Command& verb, LandmarkFitFlags& flags) {
   add_run_flags(verb, flags.run);
   add_landmark_flags(verb, flags.landmarks);
   verb.add_option("--csv", flags.csv, "CSV file: frame, time, face, score, points");
@@ -99,20 +99,20 @@ void add_flags(Command& verb, FitFlags& flags) {
 }  // namespace
 
 void add_landmarks_fit(Command& area, Context& context) {
-  add_debug_flag(add_verb<FitFlags>(area, "fit", "fit landmarks to the faces in images", context,
-                                    add_flags, run_fit),
+  add_debug_flag(add_verb<LandmarkFitFlags>(area, "fit", "fit landmarks to the faces in images",
+                                            context, add_flags, run_landmark_fit),
                  context);
 }
 
 void add_landmarks_track(Command& area, Context& context) {
-  const auto add_track_flags = [](Command& verb, FitFlags& flags) {
+  const auto add_track_flags = [](Command& verb, LandmarkFitFlags& flags) {
     flags.follows = true;
     add_flags(verb, flags);
   };
-  add_debug_flag(
-      add_verb<FitFlags>(area, "track", "track faces and their landmarks in videos and cameras",
-                         context, add_track_flags, run_fit),
-      context);
+  add_debug_flag(add_verb<LandmarkFitFlags>(area, "track",
+                                            "track faces and their landmarks in videos and cameras",
+                                            context, add_track_flags, run_landmark_fit),
+                 context);
 }
 
 }  // namespace tarsier::cli

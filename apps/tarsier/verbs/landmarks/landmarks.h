@@ -5,6 +5,7 @@
 #include "tarsier/face/shape/landmark_set.h"
 
 #include "framework/cli.h"
+#include <array>
 #include <string>
 #include <vector>
 
@@ -45,6 +46,10 @@ void add_training_flags(Command& verb, TrainingFlags& flags,
                         std::string_view eval = "landmarks eval");
 
 [[nodiscard]] face::shape::LandmarkSet load_set(const SetFlags& flags);
+
+// The outer eye corners, whose distance normalises errors: those of --eyes, or if `eyes` is empty
+// those of the known markup of that many points. Throws UsageError.
+[[nodiscard]] std::array<int, 2> outer_eyes_of(const std::vector<int>& eyes, int points);
 
 // Selects every `every`-th sample (3: the third, sixth ..) or all others. 0 selects all samples.
 enum class Part { kHeldOut, kOthers };

@@ -4,6 +4,8 @@
 #include "tarsier/face/shape/import.h"
 #include "tarsier/face/shape/text_files.h"
 
+#include <fmt/format.h>
+
 #include "verbs/landmarks/landmarks.h"
 
 namespace tarsier::cli {
@@ -57,6 +59,21 @@ face::shape::LandmarkSet load_set(const SetFlags& flags) {
   face::shape::Imported imported = face::shape::import_landmarks(flags.input, options);
   for (const std::string& skipped : imported.skipped) log_warning("{}; left out", skipped);
   return std::move(imported.set);
+}
+
+std::array<int, 2> outer_eyes_of(const std::vector<int>& eyes, int points) {
+  if (!eyes.empty()) {
+    for (const int eye : eyes) {
+      if (eye < 0 || eye >= points)
+        throw UsageError(fmt::format("--eyes {}: the set has points 0..{}", eye, points - 1));
+    }
+    return {eyes[0], eyes[1]};
+  }
+  const auto markup = face::shape::known_markup(points);
+  if (!markup || markup->outer_eyes[0] < 0)
+    throw UsageError(fmt::format(
+        "--eyes A,B: unknown markup of {} points; give the two outer eye corners", points));
+  return markup->outer_eyes;
 }
 
 face::shape::LandmarkSet part_of(const face::shape::LandmarkSet& set, int every, Part part) {

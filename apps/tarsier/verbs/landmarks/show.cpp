@@ -33,7 +33,7 @@
 namespace tarsier::cli {
 namespace {
 
-struct ShowFlags {
+struct LandmarkShowFlags {
   std::string file;
   std::string output;
   bool window = false;
@@ -66,7 +66,7 @@ void print_result(const nlohmann::ordered_json& line, const std::string& text,
   }
 }
 
-ExitStatus show_set(const ShowFlags& flags, Context& context) {
+ExitStatus show_set(const LandmarkShowFlags& flags, Context& context) {
   face::shape::LandmarkSet set = face::shape::read_landmark_set(flags.file);
   if (set.samples.empty()) throw InputError(flags.file, "holds no samples");
   face::shape::LandmarkStyle style;
@@ -89,7 +89,7 @@ ExitStatus show_set(const ShowFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-ExitStatus show_shape_model(const ShowFlags& flags, Context& context) {
+ExitStatus show_shape_model(const LandmarkShowFlags& flags, Context& context) {
   const face::shape::ShapeModel model = face::shape::read_shape_model(flags.file);
   if (flags.output.empty()) {
     window::prepare();
@@ -122,7 +122,7 @@ ExitStatus show_shape_model(const ShowFlags& flags, Context& context) {
 }
 
 // Fits the landmarks of the largest face in an image; nullopt if there is no face.
-std::optional<PatchImage> image_with_points(const ShowFlags& flags) {
+std::optional<PatchImage> image_with_points(const LandmarkShowFlags& flags) {
   LandmarkFlags landmark_flags;
   landmark_flags.model = flags.file;
   const face::LandmarkTracker tracker = load_landmark_tracker(landmark_flags);
@@ -138,7 +138,8 @@ std::optional<PatchImage> image_with_points(const ShowFlags& flags) {
   return image;
 }
 
-ExitStatus show_in_window(const ShowFlags& flags, const face::landmarks::LandmarkModel& model,
+ExitStatus show_in_window(const LandmarkShowFlags& flags,
+                          const face::landmarks::LandmarkModel& model,
                           std::optional<PatchImage> image, Context& context) {
   window::prepare();
   if (model.patches) {
@@ -153,8 +154,9 @@ ExitStatus show_in_window(const ShowFlags& flags, const face::landmarks::Landmar
   return browse_session(session, "Tarsier shape model", flags.fullscreen, context, between);
 }
 
-ExitStatus show_responses(const ShowFlags& flags, const face::landmarks::LandmarkModel& model,
-                          const PatchImage& image, Context& context) {
+ExitStatus show_responses(const LandmarkShowFlags& flags,
+                          const face::landmarks::LandmarkModel& model, const PatchImage& image,
+                          Context& context) {
   write_image(flags.output, face::landmarks::draw_responses(*model.patches, image.gray,
                                                             image.points, flags.search));
   double best = 0;
@@ -171,7 +173,7 @@ ExitStatus show_responses(const ShowFlags& flags, const face::landmarks::Landmar
 
 // Shows the parts of a tracker: the shape's modes, and the patches on the mean face; in a window
 // patch by patch.
-ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
+ExitStatus show_tracker(const LandmarkShowFlags& flags, Context& context) {
   const face::landmarks::LandmarkModel model = face::landmarks::read_landmark_model(flags.file);
   if (!flags.on.empty()) {
     if (!model.patches) throw ModelError(flags.file, "has no patches that --on could show");
@@ -214,7 +216,7 @@ ExitStatus show_tracker(const ShowFlags& flags, Context& context) {
 }
 
 // Shows the filter of a face detector.
-ExitStatus show_detector(const ShowFlags& flags, Context& context) {
+ExitStatus show_detector(const LandmarkShowFlags& flags, Context& context) {
   const face::landmarks::HogDetector model = face::landmarks::read_hog_detector(flags.file);
   if (flags.output.empty()) throw UsageError("-o: a face detector is shown as an image (.png ..)");
   const cv::Mat filter =
@@ -231,7 +233,7 @@ ExitStatus show_detector(const ShowFlags& flags, Context& context) {
 }
 
 // The show function for each type of file. Other models add a line.
-using Show = ExitStatus (*)(const ShowFlags&, Context&);
+using Show = ExitStatus (*)(const LandmarkShowFlags&, Context&);
 const std::map<std::string, Show>& shows() {
   static const std::map<std::string, Show> table{
       {"face-detector", show_detector},
@@ -242,7 +244,7 @@ const std::map<std::string, Show>& shows() {
   return table;
 }
 
-ExitStatus show(const ShowFlags& flags, Context& context) {
+ExitStatus show_landmarks(const LandmarkShowFlags& flags, Context& context) {
   if (flags.search % 2 == 0) {
     throw UsageError(
         fmt::format("--search {}: expected an odd number, so that the region has a middle pixel",
@@ -271,7 +273,7 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
   return found->second(flags, context);
 }
 
-void add_flags(Command& verb, ShowFlags& flags) {
+void add_flags(Command& verb, LandmarkShowFlags& flags) {
   verb.add_option("FILE", flags.file, "annotated set, shape model, tracker or face detector")
       .required()
       .type_name("");
@@ -309,7 +311,8 @@ void add_flags(Command& verb, ShowFlags& flags) {
 }  // namespace
 
 void add_landmarks_show(Command& area, Context& context) {
-  add_verb<ShowFlags>(area, "show", "show an annotated set or a model", context, add_flags, show);
+  add_verb<LandmarkShowFlags>(area, "show", "show an annotated set or a model", context, add_flags,
+                              show_landmarks);
 }
 
 }  // namespace tarsier::cli

@@ -27,7 +27,7 @@ struct LearnFlags : TrainingFlags {
   bool mirror = false;
 };
 
-struct TrainFlags : LearnFlags {
+struct LandmarkTrainFlags : LearnFlags {
   std::string method = "ridge";
   std::string without;
   std::string head;
@@ -64,7 +64,7 @@ void print_learnt(const LearnFlags& flags, std::size_t samples, const Stopwatch&
 }
 
 // Adds `turned` rotated copies of each face, with the given or the shipped head model.
-void add_turned_faces(const TrainFlags& flags, const face::shape::LandmarkSet& set,
+void add_turned_faces(const LandmarkTrainFlags& flags, const face::shape::LandmarkSet& set,
                       face::landmarks::TrainModelOptions& options) {
   const auto turner = std::make_shared<const face::train::FaceTurner>(read_head(flags.head));
   if (turner->points() != set.points()) {
@@ -85,7 +85,8 @@ void add_turned_faces(const TrainFlags& flags, const face::shape::LandmarkSet& s
 
 enum class Kind { kShape, kPatches, kDetector, kTrees, kTracker };
 
-nlohmann::json provenance(const TrainFlags& flags, const Context& context, std::size_t samples) {
+nlohmann::json provenance(const LandmarkTrainFlags& flags, const Context& context,
+                          std::size_t samples) {
   nlohmann::json about = {
       {"program", fmt::format("tarsier {}", version())},
       {"seed", context.seed},
@@ -100,7 +101,7 @@ nlohmann::json provenance(const TrainFlags& flags, const Context& context, std::
   return about;
 }
 
-ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
+ExitStatus train_landmarks(LandmarkTrainFlags& flags, Context& context, Kind kind) {
   const Stopwatch watch;
   const face::shape::LandmarkSet set = set_of(flags);
   const nlohmann::json about = provenance(flags, context, set.samples.size());
@@ -155,7 +156,7 @@ ExitStatus train(TrainFlags& flags, Context& context, Kind kind) {
 }
 
 void add_kind(Command& parent, Context& context, const char* name, const char* help, Kind kind) {
-  const auto add_flags = [kind](Command& verb, TrainFlags& flags) {
+  const auto add_flags = [kind](Command& verb, LandmarkTrainFlags& flags) {
     add_learn_flags(verb, flags);
     face::landmarks::TrainModelOptions& options = flags.options;
     bind_all(verb, options.shape);
@@ -176,10 +177,10 @@ void add_kind(Command& parent, Context& context, const char* name, const char* h
           .check(one_of({"trees", "sdm", "patch"}));
     }
   };
-  const auto run = [kind](TrainFlags& flags, Context& the_context) {
-    return train(flags, the_context, kind);
+  const auto run = [kind](LandmarkTrainFlags& flags, Context& the_context) {
+    return train_landmarks(flags, the_context, kind);
   };
-  add_verb<TrainFlags>(parent, name, help, context, add_flags, run);
+  add_verb<LandmarkTrainFlags>(parent, name, help, context, add_flags, run);
 }
 
 // The flags of verbs that add a part to a tracker.
@@ -228,10 +229,10 @@ void add_part(Command& parent, Context& context, const char* name, const char* h
   add_verb<PartFlags<Options>>(parent, name, help, context, add_flags, run);
 }
 
-using NetworkFlags = PartFlags<face::landmarks::RegressionNetworkOptions>;
+using RegressionNetworkFlags = PartFlags<face::landmarks::RegressionNetworkOptions>;
 using VisibilityFlags = PartFlags<face::landmarks::VisibilityOptions>;
 
-ExitStatus train_network(NetworkFlags& flags, Context& context) {
+ExitStatus train_network(RegressionNetworkFlags& flags, Context& context) {
   const auto learn = [&](const face::shape::LandmarkSet& set, face::landmarks::LandmarkModel& model,
                          std::vector<std::string>& skipped) {
     const auto faces = face::landmarks::load_framed_faces(set, flags.mirror, context.seed,

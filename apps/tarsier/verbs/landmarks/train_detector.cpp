@@ -68,7 +68,7 @@ struct DetectorFlags : TrainingFlags {
   face::landmarks::HogOptions options;
 };
 
-ExitStatus train_detector(DetectorFlags& flags, Context& context) {
+ExitStatus train_face_detector(DetectorFlags& flags, Context& context) {
   const Stopwatch watch;
   flags.options.seed = context.seed;
   std::vector<face::shape::BoxedImage> images =
@@ -125,7 +125,7 @@ void add_flags(Command& verb, DetectorFlags& flags) {
 void add_landmarks_train_detector(Command& parent, Context& context) {
   add_verb<DetectorFlags>(parent, "face-detector",
                           "train an object detector from boxes (dlib .xml) or landmarks", context,
-                          add_flags, train_detector);
+                          add_flags, train_face_detector);
 }
 
 }  // namespace tarsier::cli

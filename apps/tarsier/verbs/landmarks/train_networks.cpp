@@ -23,7 +23,7 @@
 namespace tarsier::cli {
 namespace {
 
-struct NetworkFlags : TrainingFlags {
+struct FaceNetworkFlags : TrainingFlags {
   std::vector<std::string> without;
   std::string head;
   face::train::CopyOptions turned{.copies = 0};
@@ -55,7 +55,7 @@ face::FaceImage face_image(face::shape::BoxedImage image) {
 constexpr double kTurnedFace = 100;  // px, width of rotated faces
 
 // Images of the faces that have the head model's points, rotated in 3D and cropped to the face.
-std::vector<face::FaceImage> turned_faces(const NetworkFlags& flags,
+std::vector<face::FaceImage> turned_faces(const FaceNetworkFlags& flags,
                                           const std::vector<face::shape::BoxedImage>& images,
                                           Context& context) {
   const face::train::FaceTurner turner(read_head(flags.head));
@@ -107,7 +107,7 @@ std::vector<face::FaceImage> turned_faces(const NetworkFlags& flags,
   return all;
 }
 
-ExitStatus train_networks(NetworkFlags& flags, Context& context) {
+ExitStatus train_networks(FaceNetworkFlags& flags, Context& context) {
   const Stopwatch watch;
   flags.options.seed = context.seed;
   std::vector<face::shape::BoxedImage> boxed = load_boxes(flags.set, flags.hold_out, Part::kOthers);
@@ -161,7 +161,7 @@ ExitStatus train_networks(NetworkFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-void add_flags(Command& verb, NetworkFlags& flags) {
+void add_flags(Command& verb, FaceNetworkFlags& flags) {
   add_training_flags(verb, flags);
   verb.add_option("--without", flags.without,
                   "folders of images without faces: negatives; every third is held out to set the "
@@ -181,7 +181,7 @@ void add_flags(Command& verb, NetworkFlags& flags) {
 }  // namespace
 
 void add_landmarks_train_networks(Command& parent, Context& context) {
-  add_verb<NetworkFlags>(
+  add_verb<FaceNetworkFlags>(
       parent, "face-networks",
       "train the face detection networks, for faces of any size, from boxes or landmarks", context,
       add_flags, train_networks);

@@ -126,12 +126,12 @@ ExitStatus correct_undo(const CorrectFlags& flags, const Context& context) {
   return report_correction(gallery, gallery.undo(flags.id, correction_stamp()), context);
 }
 
-struct LogFlags {
+struct CorrectionLogFlags {
   PeopleFlags people;
   std::int64_t limit = 0;
 };
 
-ExitStatus show_log(const LogFlags& flags, const Context& context) {
+ExitStatus show_log(const CorrectionLogFlags& flags, const Context& context) {
   Gallery gallery = face::open_gallery(flags.people.gallery);
   const auto entries = gallery.corrections(flags.limit);
   for (const Correction& entry : entries) {
@@ -198,7 +198,7 @@ void add_undo_flags(Command& verb, CorrectFlags& flags) {
   add_gallery_flag(verb, flags.people);
 }
 
-void add_log_flags(Command& verb, LogFlags& flags) {
+void add_log_flags(Command& verb, CorrectionLogFlags& flags) {
   add_gallery_flag(verb, flags.people);
   verb.add_option("--limit", flags.limit, "maximum number of entries, newest first; 0: all")
       .check(at_least(0))
@@ -222,8 +222,8 @@ void add_people_correct(Command& area, Context& context) {
                          context, add_split_flags, correct_split);
   add_verb<CorrectFlags>(correct, "undo", "undo a correction", context, add_undo_flags,
                          correct_undo);
-  add_verb<LogFlags>(area, "log", "list the corrections: time, author, change", context,
-                     add_log_flags, show_log);
+  add_verb<CorrectionLogFlags>(area, "log", "list the corrections: time, author, change", context,
+                               add_log_flags, show_log);
 }
 
 }  // namespace tarsier::cli

@@ -26,7 +26,7 @@ using face::recognition::SeedResult;
 
 const cv::Size kPlot{800, 560};
 
-struct EvalFlags {
+struct PeopleEvalFlags {
   PeopleFlags people;
   std::string list;
   std::string train_list;
@@ -163,7 +163,7 @@ std::string text_of(const EvaluationResult& result, std::size_t missed) {
                             m.identify_ms);
 }
 
-ExitStatus fit_same_camera_constants(const EvalFlags& flags, const ListedFaces& listed,
+ExitStatus fit_same_camera_constants(const PeopleEvalFlags& flags, const ListedFaces& listed,
                                      const std::optional<face::recognition::Background>& background,
                                      Context& context) {
   if (!background) throw UsageError("--fit-same-camera needs a background");
@@ -200,8 +200,8 @@ ExitStatus fit_same_camera_constants(const EvalFlags& flags, const ListedFaces& 
 
 // The faces of --train-list (if given), then those of the list. `gallery` returns the number of
 // training faces. Throws InputError if a person of the list has no detected face in --train-list.
-ListedFaces read_faces(const EvalFlags& flags, cv::Size size, face::people::FaceReader* reader,
-                       Context& context, int& gallery) {
+ListedFaces read_faces(const PeopleEvalFlags& flags, cv::Size size,
+                       face::people::FaceReader* reader, Context& context, int& gallery) {
   ListedFaces probes = read_listed_faces(flags.list, flags.raw, size, false, reader, context,
                                          UncertainFaces::kInclude);
   for (const std::string& image : probes.missed) log_warning("{}: no face", image);
@@ -232,7 +232,7 @@ void write_plot(const std::string& path, const cv::Mat& image, const std::string
   }
 }
 
-ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
+ExitStatus evaluate_people(const PeopleEvalFlags& flags, Context& context) {
   std::vector<Algorithm> algorithms;
   for (const std::string& name : flags.algorithms) {
     try {
@@ -340,7 +340,7 @@ ExitStatus evaluate_people(const EvalFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-void add_flags(Command& verb, EvalFlags& flags) {
+void add_flags(Command& verb, PeopleEvalFlags& flags) {
   verb.add_option(
           "LIST", flags.list,
           "list of images, path<TAB>label a line; optionally four more columns: the eyes x y x y")
@@ -383,8 +383,8 @@ void add_flags(Command& verb, EvalFlags& flags) {
 }  // namespace
 
 void add_people_eval(Command& area, Context& context) {
-  add_verb<EvalFlags>(area, "eval", "evaluate recognisers on a labelled list", context, add_flags,
-                      evaluate_people);
+  add_verb<PeopleEvalFlags>(area, "eval", "evaluate recognisers on a labelled list", context,
+                            add_flags, evaluate_people);
 }
 
 }  // namespace tarsier::cli

@@ -8,15 +8,13 @@
 #include <fmt/format.h>
 
 #include "framework/run_session.h"
+#include "verbs/people/sightings.h"
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <utility>
 
 namespace tarsier::cli {
 namespace {
-
-// A face that is lost for this time does not get its number again.
-constexpr double kMaxLostTime_s = 60;
 
 // The face with a margin, cropped from the image.
 cv::Mat crop_of(const cv::Mat& image, const cv::Rect2d& box) {

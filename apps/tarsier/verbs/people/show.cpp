@@ -20,7 +20,7 @@ namespace {
 using face::recognition::Algorithm;
 using face::recognition::Recognizer;
 
-struct ShowFlags {
+struct PeopleShowFlags {
   PeopleFlags people;
   std::string model;
   std::string face;
@@ -116,7 +116,7 @@ void add_face(NamedImages& images, const Recognizer& model, const cv::Mat& input
   }
 }
 
-ExitStatus show(const ShowFlags& flags, Context& context) {
+ExitStatus show_people(const PeopleShowFlags& flags, Context& context) {
   const cv::Size size = parse_size(flags.size, 100, 4000);
   NamedImages images;
   if (!flags.stages.empty()) {
@@ -183,7 +183,7 @@ ExitStatus show(const ShowFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-void add_flags(Command& verb, ShowFlags& flags) {
+void add_flags(Command& verb, PeopleShowFlags& flags) {
   verb.add_option("MODEL", flags.model, "model file [the gallery's model]");
   add_gallery_flag(verb, flags.people);
   verb.add_option("--face", flags.face, "image of a face to reconstruct and identify by the model");
@@ -200,10 +200,10 @@ void add_flags(Command& verb, ShowFlags& flags) {
 }  // namespace
 
 void add_people_show(Command& area, Context& context) {
-  add_verb<ShowFlags>(
+  add_verb<PeopleShowFlags>(
       area, "show",
       "show a model: mean face, eigenfaces, reconstruction, nearest faces, evidence, stages",
-      context, add_flags, show);
+      context, add_flags, show_people);
 }
 
 }  // namespace tarsier::cli

@@ -9,7 +9,6 @@ namespace tarsier::cli {
 namespace {
 
 constexpr double kMinUnknownTime_s = 2;  // a face that is unknown for this time is a sighting
-constexpr double kMaxLostTime_s = 60;  // after this time a lost face does not get its number again
 // A better face replaces the stored one if its quality is higher by this factor.
 constexpr double kMinQualityRatio = 1.15;
 

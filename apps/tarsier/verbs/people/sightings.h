@@ -14,6 +14,9 @@
 
 namespace tarsier::cli {
 
+// A face that is lost for this time does not get its number again.
+inline constexpr double kMaxLostTime_s = 60;
+
 // Stores in a gallery who was seen, with their faces, and deletes old sightings. In still images
 // each face is a sighting. A tracked face is a sighting when it is first known, and when it becomes
 // known as another person. It is also one when it stays unknown for two seconds or until it is

@@ -16,7 +16,7 @@
 namespace tarsier::cli {
 namespace {
 
-struct TrainFlags {
+struct PeopleTrainFlags {
   PeopleFlags people;
   std::string list;
   std::string background_list;
@@ -80,11 +80,11 @@ void print_result(const face::recognition::Recognizer& model, const Context& con
   print_text(text);
 }
 
-bool uses_deep_templates(const TrainFlags& flags) {
+bool uses_deep_templates(const PeopleTrainFlags& flags) {
   return template_kind(flags.people) == face::TemplateKind::kDeep;
 }
 
-ExitStatus train_background(const TrainFlags& flags, Context& context) {
+ExitStatus train_background(const PeopleTrainFlags& flags, Context& context) {
   face::people::FaceReader reader = make_face_reader(flags.people);
   const ListedFaces listed =
       read_listed_faces(flags.background_list, flags.raw, {}, false, &reader, context);
@@ -124,7 +124,7 @@ ExitStatus train_background(const TrainFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-ExitStatus train_list(const TrainFlags& flags, Context& context) {
+ExitStatus train_list(const PeopleTrainFlags& flags, Context& context) {
   using face::recognition::Algorithm;
   face::recognition::RecognizerOptions options;
   if (!flags.algorithm.empty()) options.algorithm = algorithm_of(flags.algorithm);
@@ -156,7 +156,7 @@ ExitStatus train_list(const TrainFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
+ExitStatus train_gallery(const PeopleTrainFlags& flags, Context& context) {
   face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   if (!flags.algorithm.empty()) {
     gallery.set_algorithm(face::recognition::name_of(algorithm_of(flags.algorithm)));
@@ -184,7 +184,7 @@ ExitStatus train_gallery(const TrainFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-ExitStatus train(const TrainFlags& flags, Context& context) {
+ExitStatus train_people(const PeopleTrainFlags& flags, Context& context) {
   if (uses_deep_templates(flags) && !flags.algorithm.empty() && flags.algorithm != "deep")
     throw UsageError("--template deep (or --embedding) or --algorithm, not both");
   if (!flags.list.empty() && !flags.background_list.empty())
@@ -197,7 +197,7 @@ ExitStatus train(const TrainFlags& flags, Context& context) {
   return listed ? train_list(flags, context) : train_gallery(flags, context);
 }
 
-void add_flags(Command& verb, TrainFlags& flags) {
+void add_flags(Command& verb, PeopleTrainFlags& flags) {
   add_gallery_flag(verb, flags.people);
   verb.add_option(
       "--list", flags.list,
@@ -217,9 +217,9 @@ void add_flags(Command& verb, TrainFlags& flags) {
 }  // namespace
 
 void add_people_train(Command& area, Context& context) {
-  add_verb<TrainFlags>(area, "train",
-                       "train the recogniser of the gallery, or a model from a list of images",
-                       context, add_flags, train);
+  add_verb<PeopleTrainFlags>(
+      area, "train", "train the recogniser of the gallery, or a model from a list of images",
+      context, add_flags, train_people);
 }
 
 }  // namespace tarsier::cli

@@ -25,7 +25,7 @@ namespace {
 using plate::ImageReadings;
 using plate::PlateOutcome;
 
-struct EvalFlags {
+struct PlateEvalFlags {
   std::vector<std::string> inputs;
   std::vector<std::string> truths;
   plate::EvaluationOptions options;
@@ -77,8 +77,8 @@ plate::PlateTruth read_truths(const std::vector<std::string>& paths) {
   return all;
 }
 
-std::vector<ImageReadings> collect_readings(const EvalFlags& flags, const ImageReading& reading,
-                                            const Context& context) {
+std::vector<ImageReadings> collect_readings(const PlateEvalFlags& flags,
+                                            const ImageReading& reading, const Context& context) {
   std::vector<ImageReadings> readings;
   std::vector<std::string> images;
   for (const std::string& input : flags.inputs) {
@@ -173,7 +173,8 @@ std::string outcomes_csv(const plate::PlateScores& scores) {
   return text;
 }
 
-ExitStatus evaluate(const EvalFlags& flags, const ImageReading& reading, const Context& context) {
+ExitStatus evaluate(const PlateEvalFlags& flags, const ImageReading& reading,
+                    const Context& context) {
   const plate::PlateTruth truth = read_truths(flags.truths);
   const std::vector<ImageReadings> readings = collect_readings(flags, reading, context);
   const plate::PlateScores scores = plate::evaluate_plates(readings, truth, flags.options);
@@ -208,7 +209,7 @@ ExitStatus evaluate(const EvalFlags& flags, const ImageReading& reading, const C
 void add_plate_eval(Command& plate, Context& context, ImageReading reading) {
   Command& verb =
       plate.add_subcommand("eval", "evaluate detection and reading against ground truth");
-  const auto flags = std::make_shared<EvalFlags>();
+  const auto flags = std::make_shared<PlateEvalFlags>();
   verb.add_option("INPUT", flags->inputs,
                   "results: .jsonl file of `plate read --json`, - for stdin; or the images to read")
       .required();

@@ -33,7 +33,7 @@ using plate::LoggedPlate;
 using plate::Moment;
 using plate::PlateLog;
 
-struct LogFlags {
+struct PlateLogFlags {
   std::string path;
   std::string text;
   bool near = false;
@@ -51,7 +51,7 @@ struct LogFlags {
   plate::ReaderOptions reader;  // of --corrections
 };
 
-plate::LogFilter filter_of(const LogFlags& flags) {
+plate::LogFilter filter_of(const PlateLogFlags& flags) {
   plate::LogFilter filter;
   const Moment now = plate::moment_now();
   if (!flags.text.empty()) filter.text = plate::plate_pattern(flags.text, "--text");
@@ -132,7 +132,7 @@ class CsvOutput {
   std::string lines_;
 };
 
-ExitStatus list_plates(const LogFlags& flags, const Context& context) {
+ExitStatus list_plates(const PlateLogFlags& flags, const Context& context) {
   const plate::LogFilter filter = filter_of(flags);
   PlateLog log(flags.path, DatabaseAccess::kRead);
   if (!flags.crops.empty()) make_folder(flags.crops);
@@ -166,7 +166,7 @@ ExitStatus list_plates(const LogFlags& flags, const Context& context) {
   return found > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
-ExitStatus forget_plates(const LogFlags& flags, const Context& context) {
+ExitStatus forget_plates(const PlateLogFlags& flags, const Context& context) {
   const std::chrono::milliseconds age = plate::parse_duration(flags.keep, "--keep");
   PlateLog log(flags.path, DatabaseAccess::kWrite);
   plate::ForgetOptions options;
@@ -205,7 +205,7 @@ void print_corrected(PlateLog& log, std::int64_t id, const Context& context) {
   }
 }
 
-ExitStatus correct_plate(const LogFlags& flags, const Context& context) {
+ExitStatus correct_plate(const PlateLogFlags& flags, const Context& context) {
   const auto id = to_integer(flags.correct.at(0), 1, std::numeric_limits<std::int64_t>::max());
   if (!id)
     throw UsageError(fmt::format("--correct '{}': expected the id of an entry and its right text",
@@ -224,7 +224,7 @@ ExitStatus correct_plate(const LogFlags& flags, const Context& context) {
   return ExitStatus::kDone;
 }
 
-ExitStatus undo_correction(const LogFlags& flags, const Context& context) {
+ExitStatus undo_correction(const PlateLogFlags& flags, const Context& context) {
   PlateLog log(flags.path, DatabaseAccess::kWrite);
   const bool is_undone = log.undo_correction(*flags.undo);
   if (!is_undone) log_info("entry {} has no correction", *flags.undo);
@@ -246,7 +246,7 @@ plate::Quad corners_in(const cv::Mat& crop, const plate::Recognizer& recognizer)
 
 // Writes training data for train-reader: rectified crops of the corrected plates, with their
 // characters.
-ExitStatus export_corrections(const LogFlags& flags, const Context& context) {
+ExitStatus export_corrections(const PlateLogFlags& flags, const Context& context) {
   const plate::LogFilter filter = filter_of(flags);
   PlateLog log(flags.path, DatabaseAccess::kRead);
   const plate::Recognizer recognizer = plate::load_recognizer(ModelStore::find(), flags.reader);
@@ -288,14 +288,14 @@ ExitStatus export_corrections(const LogFlags& flags, const Context& context) {
   return written > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
-ExitStatus run_log(const LogFlags& flags, const Context& context) {
+ExitStatus run_log(const PlateLogFlags& flags, const Context& context) {
   if (!flags.correct.empty()) return correct_plate(flags, context);
   if (flags.undo) return undo_correction(flags, context);
   if (!flags.corrections.empty()) return export_corrections(flags, context);
   return flags.keep_flag->count() > 0 ? forget_plates(flags, context) : list_plates(flags, context);
 }
 
-void add_flags(Command& verb, LogFlags& flags) {
+void add_flags(Command& verb, PlateLogFlags& flags) {
   verb.add_option("LOG", flags.path, "log file of `plate read --log`").required();
   std::vector<Flag*> listing;
   listing.push_back(&verb.add_option(
@@ -354,9 +354,9 @@ void add_flags(Command& verb, LogFlags& flags) {
 }  // namespace
 
 void add_plate_log(Command& plate, Context& context) {
-  add_verb<LogFlags>(plate, "log",
-                     "list, search, export and delete entries of `plate read --log`, newest first",
-                     context, add_flags, run_log);
+  add_verb<PlateLogFlags>(
+      plate, "log", "list, search, export and delete entries of `plate read --log`, newest first",
+      context, add_flags, run_log);
 }
 
 }  // namespace tarsier::cli

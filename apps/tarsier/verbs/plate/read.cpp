@@ -35,7 +35,7 @@ struct ReadFlags {
 };
 
 // Columns of --csv: one row per plate and frame.
-constexpr const char* kColumns = "frame,time,image,text,confidence,country,x,y,width,height";
+constexpr const char* kPlateColumns = "frame,time,image,text,confidence,country,x,y,width,height";
 
 std::string row_of(const Frame& frame, const plate::Reading& reading) {
   return fmt::format("{},{},{:.4f},{},{},{},{},{}", frame_cells(frame), csv_field(reading.text),
@@ -104,7 +104,7 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
     line.update(to_json(session.result()));
   };
   hooks.quiet_frames = flags.events_only;
-  hooks.table = {flags.csv, kColumns};
+  hooks.table = {flags.csv, kPlateColumns};
   hooks.rows = [&](const Frame& frame) {
     std::vector<std::string> rows;
     for (const plate::Reading& reading : session.readings()) rows.push_back(row_of(frame, reading));

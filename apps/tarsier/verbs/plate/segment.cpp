@@ -37,7 +37,7 @@ std::string model_path(const std::string& given, const char* name) {
   return ModelStore::find().path_or(given, name);
 }
 
-struct Writer {
+struct SegmentWriter {
   const SegmentFlags& flags;
   Context& context;
   const plate::ClassicModel& model;
@@ -97,7 +97,7 @@ ExitStatus run_segment(const SegmentFlags& flags, Context& context) {
   make_folder(flags.output);
   plate::ClassicOptions options;
   options.seed = context.seed;
-  Writer writer{flags, context, *model, options, {}, {}, 0};
+  SegmentWriter writer{flags, context, *model, options, {}, {}, 0};
   context.progress->begin("segment", source->count(), "images");
   while (!source->ended()) {
     throw_if_stopped(context.stop);

@@ -36,7 +36,7 @@ const std::map<std::string, PlateKind>& kinds() {
   return names;
 }
 
-struct SynthFlags {
+struct PlateSynthFlags {
   std::string output;
   int count = 100;
   std::vector<std::string> kinds{"spain"};
@@ -51,7 +51,7 @@ struct SynthFlags {
 };
 
 // Writes images of streets, truth.csv for `plate eval` and training, truth.jsonl with corners.
-ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
+ExitStatus make_scenes(const PlateSynthFlags& flags, Context& context) {
   synth::StreetOptions options = flags.street;
   options.size = parse_size(flags.size, 64, 8192);
   options.seed = context.seed;
@@ -97,7 +97,7 @@ ExitStatus make_scenes(const SynthFlags& flags, Context& context) {
 }
 
 // Writes flat plates with a box for each character, as input of train-reader.
-ExitStatus make_faces(const SynthFlags& flags, Context& context) {
+ExitStatus make_faces(const PlateSynthFlags& flags, Context& context) {
   const auto glyphs = flags.wild ? synth::draw_glyphs(context.seed, 60) : synth::load_glyphs();
   const fs::path folder = flags.output;
   make_folder(folder.string());
@@ -133,11 +133,11 @@ ExitStatus make_faces(const SynthFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-ExitStatus run_synth(const SynthFlags& flags, Context& context) {
+ExitStatus run_synth(const PlateSynthFlags& flags, Context& context) {
   return flags.faces ? make_faces(flags, context) : make_scenes(flags, context);
 }
 
-void add_flags(Command& verb, SynthFlags& flags) {
+void add_flags(Command& verb, PlateSynthFlags& flags) {
   verb.add_option("-o,--output", flags.output, "output folder: images/, truth.csv, truth.jsonl")
       .required();
   verb.add_option("--count", flags.count, "number of images")
@@ -170,7 +170,7 @@ void add_flags(Command& verb, SynthFlags& flags) {
 }  // namespace
 
 void add_plate_synth(Command& plate, Context& context) {
-  add_verb<SynthFlags>(
+  add_verb<PlateSynthFlags>(
       plate, "synth",
       "render synthetic images of cars with plates, or of plates only, with ground truth", context,
       add_flags, run_synth);

@@ -29,7 +29,7 @@ namespace fs = std::filesystem;
 // Offset of the seed to that of the training typefaces.
 constexpr std::uint64_t kHeldOutSeedOffset = 1000;
 
-struct TrainFlags {
+struct PlateTrainFlags {
   std::vector<std::string> inputs;
   std::vector<std::string> scenes;
   std::vector<std::string> found;
@@ -61,7 +61,7 @@ plate::ViewGenerator view_maker(const std::vector<std::string>& folders,
   return views;
 }
 
-std::shared_ptr<const synth::GlyphSet> glyphs_of(const TrainFlags& flags, std::uint64_t seed) {
+std::shared_ptr<const synth::GlyphSet> glyphs_of(const PlateTrainFlags& flags, std::uint64_t seed) {
   return flags.wild ? synth::load_many_glyphs(seed) : synth::load_glyphs();
 }
 
@@ -76,7 +76,7 @@ std::vector<std::string> short_names(const std::vector<std::string>& paths) {
   return result;
 }
 
-nlohmann::json provenance(const TrainFlags& flags, const Context& context) {
+nlohmann::json provenance(const PlateTrainFlags& flags, const Context& context) {
   return {{"program", fmt::format("tarsier {}", version())},
           {"seed", context.seed},
           {"scenes", short_names(flags.scenes)},
@@ -86,7 +86,7 @@ nlohmann::json provenance(const TrainFlags& flags, const Context& context) {
           {"terms", flags.terms}};
 }
 
-ExitStatus train_detector(TrainFlags& flags, Context& context) {
+ExitStatus train_plate_detector(PlateTrainFlags& flags, Context& context) {
   if (flags.pipeline == "classic") {
     flags.classic.inputs = flags.inputs;
     flags.classic.output = flags.output;
@@ -108,7 +108,7 @@ ExitStatus train_detector(TrainFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-ExitStatus train_reader(TrainFlags& flags, Context& context) {
+ExitStatus train_reader(PlateTrainFlags& flags, Context& context) {
   if (flags.pipeline == "classic") {
     flags.classic.inputs = flags.inputs;
     flags.classic.output = flags.output;
@@ -195,7 +195,7 @@ ExitStatus train_reader(TrainFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-void add_shared(Command& verb, TrainFlags& flags) {
+void add_shared(Command& verb, PlateTrainFlags& flags) {
   verb.add_option("-o,--output", flags.output, "output model file").required();
   verb.add_flag("--wild", flags.wild,
                 "use worn and degraded synthetic plates in 200 random typefaces (by --seed)");
@@ -206,7 +206,7 @@ void add_shared(Command& verb, TrainFlags& flags) {
       .show_default();
 }
 
-void add_detector_flags(Command& verb, TrainFlags& flags) {
+void add_detector_flags(Command& verb, PlateTrainFlags& flags) {
   verb.add_option("INPUT", flags.inputs,
                   "folders with truth.csv (image,x,y,w,h,text) or without plates; classic: "
                   "SVM.xml, or plate/ and no-plate/")
@@ -217,7 +217,7 @@ void add_detector_flags(Command& verb, TrainFlags& flags) {
   bind_field(verb, flags.options, flags.options.aligner_steps);
   add_classic_detector_flags(verb, flags.classic);
 }
-void add_reader_flags(Command& verb, TrainFlags& flags) {
+void add_reader_flags(Command& verb, PlateTrainFlags& flags) {
   verb.add_option("INPUT", flags.inputs,
                   "folders of plates NUMBER_KIND-TEXT.jpg with .txt (class cx cy w h); classic: "
                   "OCR.xml or class folders")
@@ -253,12 +253,12 @@ void add_reader_flags(Command& verb, TrainFlags& flags) {
 }  // namespace
 
 void add_plate_train(Command& plate, Context& context) {
-  add_verb<TrainFlags>(plate, "train-detector",
-                       "train the plate detector on labelled images and synthetic plates", context,
-                       add_detector_flags, train_detector);
-  add_verb<TrainFlags>(plate, "train-reader",
-                       "train the character reader on labelled and synthetic plates", context,
-                       add_reader_flags, train_reader);
+  add_verb<PlateTrainFlags>(plate, "train-detector",
+                            "train the plate detector on labelled images and synthetic plates",
+                            context, add_detector_flags, train_plate_detector);
+  add_verb<PlateTrainFlags>(plate, "train-reader",
+                            "train the character reader on labelled and synthetic plates", context,
+                            add_reader_flags, train_reader);
 }
 
 }  // namespace tarsier::cli

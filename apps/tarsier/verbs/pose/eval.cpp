@@ -17,7 +17,7 @@
 namespace tarsier::cli {
 namespace {
 
-struct EvalFlags {
+struct PoseEvalFlags {
   PoseFlags pose;
   std::string pointing;
   std::string truth;
@@ -43,7 +43,8 @@ std::string table_of(const std::vector<face::head::PointingOutcome>& outcomes) {
   return table;
 }
 
-bool evaluate_pointing(const EvalFlags& flags, face::PoseEvaluator& evaluator, Context& context) {
+bool evaluate_pointing(const PoseEvalFlags& flags, face::PoseEvaluator& evaluator,
+                       Context& context) {
   const std::vector<face::head::PointingOutcome> outcomes =
       evaluator.pointing(face::pointing_images(flags.pointing), *context.progress, context.stop);
   if (!flags.csv.empty()) write_file_atomically(flags.csv, table_of(outcomes));
@@ -90,7 +91,7 @@ void print_score(const face::head::PoseScore& score, const Context& context) {
   print_text(coverage_text(score.image_coverage, " of the image (without the floor)"));
 }
 
-ExitStatus run_eval(const EvalFlags& flags, Context& context) {
+ExitStatus run_pose_eval(const PoseEvalFlags& flags, Context& context) {
   if (flags.pointing.empty() && flags.truth.empty() && flags.compare.empty()) {
     throw UsageError("give --pointing DIR, --truth FILE or --compare FILE");
   }
@@ -138,7 +139,7 @@ ExitStatus run_eval(const EvalFlags& flags, Context& context) {
   return any ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
-void add_flags(Command& verb, EvalFlags& flags) {
+void add_flags(Command& verb, PoseEvalFlags& flags) {
   add_pose_flags(verb, flags.pose);
   verb.add_option("--pointing", flags.pointing,
                   "folder of the Pointing'04 head pose set; file names contain the angles");
@@ -157,8 +158,8 @@ void add_flags(Command& verb, EvalFlags& flags) {
 }  // namespace
 
 void add_pose_eval(Command& area, Context& context) {
-  add_verb<EvalFlags>(area, "eval", "evaluate head poses against ground truth", context, add_flags,
-                      run_eval);
+  add_verb<PoseEvalFlags>(area, "eval", "evaluate head poses against ground truth", context,
+                          add_flags, run_pose_eval);
 }
 
 }  // namespace tarsier::cli

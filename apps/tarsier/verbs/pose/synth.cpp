@@ -32,7 +32,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct SynthFlags {
+struct PoseSynthFlags {
   std::string output;
   std::string appearance;
   std::string head;
@@ -52,7 +52,8 @@ struct SynthFlags {
 };
 
 // A random position with the whole face inside the image.
-geometry::Rigid3 random_pose(const SynthFlags& flags, const geometry::Camera& camera, Rng& rng) {
+geometry::Rigid3 random_pose(const PoseSynthFlags& flags, const geometry::Camera& camera,
+                             Rng& rng) {
   constexpr double kHeadMargin_mm = 110;  // mm around the middle of a head
   const face::head::HeadAngles angles{rng.uniform(-flags.yaw, flags.yaw),
                                       rng.uniform(-flags.pitch, flags.pitch),
@@ -68,7 +69,7 @@ geometry::Rigid3 random_pose(const SynthFlags& flags, const geometry::Camera& ca
 }
 
 // A head that turns left and right while it nods more slowly.
-geometry::Rigid3 turning_pose(const SynthFlags& flags, double phase) {
+geometry::Rigid3 turning_pose(const PoseSynthFlags& flags, double phase) {
   constexpr double kTwoPi = 2 * std::numbers::pi;
   const face::head::HeadAngles angles{flags.yaw * std::sin(kTwoPi * phase),
                                       flags.pitch * std::sin(2 * kTwoPi * phase + 0.5),
@@ -97,7 +98,7 @@ double smooth_pulse(double t, double from, double to) {
   return 0.5 - 0.5 * std::cos(2 * std::numbers::pi * (t - from) / (to - from));
 }
 
-ChallengePose challenge_pose_at(const SynthFlags& flags,
+ChallengePose challenge_pose_at(const PoseSynthFlags& flags,
                                 const std::vector<face::head::LivenessTask>& tasks, double time) {
   ChallengePose challenge_pose;
   challenge_pose.angles = {1.5 * std::sin(1.1 * time), 1.5 * std::sin(0.8 * time + 1),
@@ -171,7 +172,7 @@ nlohmann::ordered_json truth_line(const std::string& image, const synth::FaceTru
   return line;
 }
 
-ExitStatus make_faces(SynthFlags& flags, Context& context) {
+ExitStatus make_heads(PoseSynthFlags& flags, Context& context) {
   const bool performs_challenge = !flags.challenge.empty();
   if (performs_challenge) {
     flags.video = true;
@@ -256,7 +257,7 @@ ExitStatus make_faces(SynthFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-void add_flags(Command& verb, SynthFlags& flags) {
+void add_flags(Command& verb, PoseSynthFlags& flags) {
   verb.add_option("-o,--output", flags.output, "output folder").required();
   verb.add_option("--count", flags.count, "images").check(range(1, 100000)).show_default();
   verb.add_option(
@@ -300,10 +301,10 @@ void add_flags(Command& verb, SynthFlags& flags) {
 }  // namespace
 
 void add_pose_synth(Command& area, Context& context) {
-  add_verb<SynthFlags>(
+  add_verb<PoseSynthFlags>(
       area, "synth",
       "render synthetic heads with ground truth: images/, truth.jsonl, set.json, camera.yaml",
-      context, add_flags, make_faces);
+      context, add_flags, make_heads);
 }
 
 }  // namespace tarsier::cli

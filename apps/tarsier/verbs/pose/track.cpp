@@ -36,7 +36,7 @@ struct TrackFlags {
 };
 
 // Columns of --csv: one row per frame and face with a pose.
-constexpr const char* kColumns =
+constexpr const char* kPoseColumns =
     "frame,time,face,score,yaw,pitch,roll,x,y,z,rms_px,yaw_sigma_deg,pitch_sigma_deg,"
     "roll_sigma_deg";
 
@@ -130,7 +130,7 @@ ExitStatus run_track(TrackFlags& flags, Context& context) {
       print_text("\n");
     }
   };
-  hooks.table = {flags.csv, kColumns};
+  hooks.table = {flags.csv, kPoseColumns};
   hooks.rows = [&](const Frame& frame) {
     std::vector<std::string> rows;
     for (const face::PosedFace& face : session.faces())

@@ -73,7 +73,7 @@ nlohmann::json provenance(const TrainHeadFlags& flags, const Context& context, i
           {"terms", flags.terms}};
 }
 
-ExitStatus run_train(TrainHeadFlags& flags, Context& context) {
+ExitStatus run_train_head(TrainHeadFlags& flags, Context& context) {
   const Stopwatch watch;
   flags.options.seed = context.seed;
   flags.options.check();
@@ -152,7 +152,7 @@ void add_flags(Command& verb, TrainHeadFlags& flags) {
 void add_pose_train_head(Command& area, Context& context) {
   add_verb<TrainHeadFlags>(area, "train-head",
                            "train the 3D head model on facial landmarks in images", context,
-                           add_flags, run_train);
+                           add_flags, run_train_head);
 }
 
 }  // namespace tarsier::cli

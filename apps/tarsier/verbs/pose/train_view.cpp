@@ -74,7 +74,7 @@ nlohmann::json provenance(const TrainViewFlags& flags, const face::ViewTraining&
   return result;
 }
 
-ExitStatus run_train(TrainViewFlags& flags, Context& context) {
+ExitStatus run_train_view(TrainViewFlags& flags, Context& context) {
   if (flags.pointing.empty() && flags.truths.empty() && flags.annotated.input.empty())
     throw UsageError("give --pointing DIR, --truth FILE or --annotated SET");
   if (flags.output.empty() && !flags.leave_out) throw UsageError("give -o FILE or --leave-out");
@@ -148,7 +148,7 @@ void add_pose_train_view(Command& area, Context& context) {
   add_verb<TrainViewFlags>(
       area, "train-view",
       "train the appearance-based pose correction (--view) on images with known poses", context,
-      add_flags, run_train);
+      add_flags, run_train_view);
 }
 
 }  // namespace tarsier::cli

@@ -10,12 +10,12 @@
 namespace tarsier::cli {
 namespace {
 
-struct MergeFlags {
+struct BatchMergeFlags {
   std::vector<std::string> parts;
   std::string output;
 };
 
-ExitStatus run_merge(const MergeFlags& flags, const Context& context) {
+ExitStatus run_merge(const BatchMergeFlags& flags, const Context& context) {
   const MergeReport report = merge_parts(flags.parts, flags.output);
   if (context.json) {
     print_json({{"output", flags.output},
@@ -31,7 +31,7 @@ ExitStatus run_merge(const MergeFlags& flags, const Context& context) {
   return report.lines > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }
 
-void add_flags(Command& verb, MergeFlags& flags) {
+void add_flags(Command& verb, BatchMergeFlags& flags) {
   verb.add_option("PART", flags.parts, "files of --jsonl or --csv of all shards of one batch")
       .required()
       .type_name("");
@@ -41,9 +41,9 @@ void add_flags(Command& verb, MergeFlags& flags) {
 }  // namespace
 
 void add_merge(Command& app, Context& context) {
-  add_verb<MergeFlags>(app, "merge",
-                       "merge the files of all --shard runs into the file of a single run", context,
-                       add_flags, run_merge);
+  add_verb<BatchMergeFlags>(app, "merge",
+                            "merge the files of all --shard runs into the file of a single run",
+                            context, add_flags, run_merge);
 }
 
 }  // namespace tarsier::cli

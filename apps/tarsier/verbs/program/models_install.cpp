@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "verbs/program/models_install.h"
 
+#include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/face/appearance/model.h"
 #include "tarsier/face/detect/face_networks.h"
@@ -234,8 +235,7 @@ ExitStatus remove(const Context& context, const InstallOptions& options) {
     throw UsageError(fmt::format("{}: is not a model name", printable(options.file)));
   const std::string path = (fs::path(folder) / file).string();
   const bool found = fs::is_regular_file(path, error);
-  if (found && ::unlink(path.c_str()) != 0)
-    throw OutputError(path, std::generic_category().message(errno));
+  if (found && ::unlink(path.c_str()) != 0) throw OutputError(path, errno_text(errno));
   if (sums.erase(file) > 0) write_index(folder, sums);
   const std::string name = fs::path(file).stem().string();
   if (context.json) {

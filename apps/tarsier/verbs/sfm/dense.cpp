@@ -43,7 +43,7 @@ class StageFolder final : public DebugSink {
   std::string folder_;
 };
 
-struct Flags {
+struct DenseVerbFlags {
   std::string model;
   std::string output;
   std::string images;
@@ -77,7 +77,7 @@ void write_views(const sfm::DenseJob& job, const sfm::DenseResult& result) {
       sfm::viewer_html(job.model, "Dense reconstruction", {sfm::viewer_cloud(result.cloud), {}}));
 }
 
-ExitStatus make_dense(const Flags& flags, Context& context) {
+ExitStatus make_dense(const DenseVerbFlags& flags, Context& context) {
   const sfm::DenseReconstructor reconstructor(options_of(flags.dense, context));
   std::string folder = flags.model;
   std::error_code ignored;
@@ -97,7 +97,7 @@ ExitStatus make_dense(const Flags& flags, Context& context) {
   return run_dense(reconstructor, job, context);
 }
 
-void add_flags(Command& verb, Flags& flags) {
+void add_flags(Command& verb, DenseVerbFlags& flags) {
   verb.add_option("MODEL", flags.model, "model folder of `sfm reconstruct`, or COLMAP's text files")
       .required()
       .type_name("");
@@ -155,9 +155,10 @@ ExitStatus run_dense(const sfm::DenseReconstructor& reconstructor, const sfm::De
 }
 
 void add_sfm_dense(Command& sfm, Context& context) {
-  add_debug_flag(add_verb<Flags>(sfm, "dense", "compute depth maps and a dense cloud of a model",
-                                 context, add_flags, make_dense),
-                 context);
+  add_debug_flag(
+      add_verb<DenseVerbFlags>(sfm, "dense", "compute depth maps and a dense cloud of a model",
+                               context, add_flags, make_dense),
+      context);
 }
 
 }  // namespace tarsier::cli

@@ -26,7 +26,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Flags {
+struct MeshVerbFlags {
   std::string dense;
   ScaleFlags scale;
   MeshFlags mesh;
@@ -79,7 +79,7 @@ std::string summary_text(const sfm::SurfaceResult& result) {
   return text;
 }
 
-ExitStatus make_mesh(Flags& flags, Context& context) {
+ExitStatus make_mesh(MeshVerbFlags& flags, Context& context) {
   sfm::SurfaceOptions options = options_of(flags.mesh);
   const sfm::Workspace workspace = sfm::Workspace::open(flags.dense);
   sfm::Model model = workspace.sparse();
@@ -87,7 +87,7 @@ ExitStatus make_mesh(Flags& flags, Context& context) {
   return run_mesh(flags.mesh, options, {workspace, model}, context);
 }
 
-void add_flags(Command& verb, Flags& flags) {
+void add_flags(Command& verb, MeshVerbFlags& flags) {
   MeshFlags& mesh = flags.mesh;
   verb.add_option("DENSE", flags.dense, "output folder of `sfm dense`, or COLMAP's dense workspace")
       .required()
@@ -178,8 +178,8 @@ ExitStatus run_mesh(const MeshFlags& flags, const sfm::SurfaceOptions& options, 
 }
 
 void add_sfm_mesh(Command& sfm, Context& context) {
-  add_verb<Flags>(sfm, "mesh", "compute a textured triangle mesh from a dense folder", context,
-                  add_flags, make_mesh);
+  add_verb<MeshVerbFlags>(sfm, "mesh", "compute a textured triangle mesh from a dense folder",
+                          context, add_flags, make_mesh);
 }
 
 }  // namespace tarsier::cli

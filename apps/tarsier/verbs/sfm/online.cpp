@@ -82,18 +82,18 @@ OnlineRun run_online(const std::vector<std::string>& sources, const std::vector<
   SfmSession session(online, context.stop, debug.sink());
 
   Clock::time_point start;
-  double milliseconds = 0;
+  double elapsed_ms = 0;
   RunHooks hooks;
   hooks.title = "online";
   hooks.debug = &debug;
   hooks.before_frame = [&](const Frame&) { start = Clock::now(); };
   hooks.after_frame = [&](const Frame&) {
-    milliseconds = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+    elapsed_ms = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
   };
   hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
     for (const char* name : {"key_frames", "registered", "points", "followed"})
       line[name] = view.state.at(name);
-    line["ms"] = rounded(milliseconds, 2);
+    line["ms"] = rounded(elapsed_ms, 2);
   };
   OnlineRun result;
   try {

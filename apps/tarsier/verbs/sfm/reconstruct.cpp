@@ -82,8 +82,8 @@ class GrowingFolder {
 };
 
 // Makes depth maps and a cloud of the largest model, in its subfolder dense/.
-ExitStatus make_dense(const ReconstructFlags& flags, const sfm::Reconstructor& reconstructor,
-                      const sfm::ReconstructorResult& result, Context& context) {
+ExitStatus reconstruct_dense(const ReconstructFlags& flags, const sfm::Reconstructor& reconstructor,
+                             const sfm::ReconstructorResult& result, Context& context) {
   const sfm::DenseReconstructor dense(options_of(flags.dense_flags, context));
   std::map<std::string, std::string> files;
   for (const sfm::ImageReport& image : result.pipeline.images) files[image.name] = image.path;
@@ -94,9 +94,9 @@ ExitStatus make_dense(const ReconstructFlags& flags, const sfm::Reconstructor& r
   return run_dense(dense, job, context);
 }
 
-// Works on a folder that make_dense() filled.
-ExitStatus make_mesh(const ReconstructFlags& flags, const sfm::Reconstructor& reconstructor,
-                     Context& context) {
+// Works on a folder that reconstruct_dense() filled.
+ExitStatus reconstruct_mesh(const ReconstructFlags& flags, const sfm::Reconstructor& reconstructor,
+                            Context& context) {
   const fs::path folder = reconstructor.options().folder;
   MeshFlags mesh;
   mesh.output = (folder / "mesh.glb").string();
@@ -148,9 +148,9 @@ ExitStatus reconstruct(ReconstructFlags& flags, Context& context) {
   if (online.status != ExitStatus::kDone) return online.status;
   if (status != ExitStatus::kDone) return status;
   if (!flags.dense && !flags.mesh) return ExitStatus::kDone;
-  const ExitStatus dense = make_dense(flags, reconstructor, result, context);
+  const ExitStatus dense = reconstruct_dense(flags, reconstructor, result, context);
   if (!flags.mesh || dense != ExitStatus::kDone) return dense;
-  return make_mesh(flags, reconstructor, context);
+  return reconstruct_mesh(flags, reconstructor, context);
 }
 
 }  // namespace

@@ -23,7 +23,7 @@
 namespace tarsier::cli {
 namespace {
 
-struct EvalFlags {
+struct SfmEvalFlags {
   std::string model;
   std::string truth;
   bool dense = false;
@@ -44,7 +44,7 @@ std::string lines_of(const std::vector<sfm::ThresholdScore>& scores, double exte
 }
 
 // Compares the surface with the true one, truth/mesh.ply.
-sfm::SurfaceScores evaluate_mesh(const EvalFlags& flags, const sfm::Workspace& truth,
+sfm::SurfaceScores evaluate_mesh(const SfmEvalFlags& flags, const sfm::Workspace& truth,
                                  const sfm::Workspace& model, const Context& context) {
   const std::filesystem::path exact = std::filesystem::path(flags.truth) / "mesh.ply";
   std::error_code ignored;
@@ -61,7 +61,7 @@ sfm::SurfaceScores evaluate_mesh(const EvalFlags& flags, const sfm::Workspace& t
   return scores;
 }
 
-ExitStatus evaluate_dense(const EvalFlags& flags, const Context& context) {
+ExitStatus evaluate_dense(const SfmEvalFlags& flags, const Context& context) {
   const sfm::Workspace truth = sfm::Workspace::open(flags.truth);
   const sfm::Workspace model = sfm::Workspace::open(flags.model);
   const auto show = [&](const std::string& name, const cv::Mat& image) {
@@ -76,9 +76,9 @@ ExitStatus evaluate_dense(const EvalFlags& flags, const Context& context) {
   std::optional<sfm::SurfaceScores> mesh;
   if (!flags.mesh.empty()) mesh = evaluate_mesh(flags, truth, model, context);
   if (context.json) {
-    nlohmann::ordered_json json = sfm::to_json(scores);
-    if (mesh) json["mesh"] = sfm::to_json(*mesh);
-    print_json(json);
+    nlohmann::ordered_json line = sfm::to_json(scores);
+    if (mesh) line["mesh"] = sfm::to_json(*mesh);
+    print_json(line);
     return ExitStatus::kDone;
   }
   std::string text;
@@ -96,25 +96,25 @@ ExitStatus evaluate_dense(const EvalFlags& flags, const Context& context) {
   return ExitStatus::kDone;
 }
 
-ExitStatus evaluate(const EvalFlags& flags, const Context& context) {
+ExitStatus evaluate_model(const SfmEvalFlags& flags, const Context& context) {
   if (flags.dense) return evaluate_dense(flags, context);
   const sfm::Model model = sfm::read_colmap(flags.model);
   const sfm::PoseScores scores =
       sfm::evaluate_poses(model, sfm::read_pose_truth(flags.truth), flags.model);
-  const nlohmann::ordered_json json = sfm::scores_json(scores, model);
+  const nlohmann::ordered_json line = sfm::scores_json(scores, model);
   if (context.json) {
-    print_json(json);
+    print_json(line);
     return ExitStatus::kDone;
   }
   std::string text;
-  for (const auto& [key, value] : json.items())
+  for (const auto& [key, value] : line.items())
     text += fmt::format("{:<20} {}\n", key,
                         value.is_string() ? value.get<std::string>() : value.dump());
   print_text(text);
   return ExitStatus::kDone;
 }
 
-void add_eval_flags(Command& verb, EvalFlags& flags) {
+void add_eval_flags(Command& verb, SfmEvalFlags& flags) {
   verb.add_option("MODEL", flags.model, "model folder with cameras.txt, images.txt, points3D.txt")
       .required()
       .type_name("");
@@ -145,8 +145,8 @@ void add_sfm(Command& app, Context& context) {
   add_sfm_dense(sfm, context);
   add_sfm_mesh(sfm, context);
   add_sfm_synth(sfm, context);
-  add_verb<EvalFlags>(sfm, "eval", "evaluate a model's poses against ground truth", context,
-                      add_eval_flags, evaluate);
+  add_verb<SfmEvalFlags>(sfm, "eval", "evaluate a model's poses against ground truth", context,
+                         add_eval_flags, evaluate_model);
 }
 
 }  // namespace tarsier::cli

@@ -77,14 +77,14 @@ ExitStatus make_plan(const PlanFlags& flags, Context& context) {
   if (flags.slurm) write_file_atomically(script, sfm::slurm_script(job));
   const std::vector<std::string> commands = sfm::parallel_commands(job);
   if (context.json) {
-    nlohmann::ordered_json json{{"output", options.folder},
+    nlohmann::ordered_json line{{"output", options.folder},
                                 {"images", plan.images.size()},
                                 {"unreadable", unreadable},
                                 {"shards", plan.shards},
                                 {"commands", commands}};
-    if (plan.clusters() > 0) json["clusters"] = plan.clusters();
-    if (flags.slurm) json["slurm"] = script;
-    print_json(json);
+    if (plan.clusters() > 0) line["clusters"] = plan.clusters();
+    if (flags.slurm) line["slurm"] = script;
+    print_json(line);
     return ExitStatus::kDone;
   }
   std::string text =
@@ -242,12 +242,12 @@ void add_flags(Command& verb, MapFlags& flags) {
   add_map_flags(verb, flags.reconstruct, false);
 }
 
-struct MergeFlags {
+struct ModelMergeFlags {
   std::vector<std::string> folders;
   ReconstructFlags reconstruct;
 };
 
-ExitStatus merge(const MergeFlags& flags, Context& context) {
+ExitStatus merge(const ModelMergeFlags& flags, Context& context) {
   sfm::ReconstructorOptions options = map_options_of(flags.reconstruct);
   options.pipeline.seed = context.seed;
   sfm::ReconstructorHooks hooks;
@@ -267,7 +267,7 @@ ExitStatus merge(const MergeFlags& flags, Context& context) {
       sfm::merge_models(flags.folders, options, *context.progress, context.stop, hooks));
 }
 
-void add_flags(Command& verb, MergeFlags& flags) {
+void add_flags(Command& verb, ModelMergeFlags& flags) {
   verb.add_option(
           "WORK", flags.folders,
           "work folder of `sfm plan` with mapped clusters, or folders of two or more models")
@@ -279,19 +279,17 @@ void add_flags(Command& verb, MergeFlags& flags) {
 }  // namespace
 
 void add_sfm_shards(Command& sfm, Context& context) {
-  add_verb<PlanFlags>(
-      sfm, "plan", "plan a reconstruction that is divided among several runs", context,
-      [](Command& verb, PlanFlags& flags) { add_flags(verb, flags); }, make_plan);
+  add_verb<PlanFlags>(sfm, "plan", "plan a reconstruction that is divided among several runs",
+                      context, add_flags, make_plan);
   add_verb<ShardFlags>(sfm, "features", "extract the features of one shard", context,
                        add_shard_flags, find_features);
   add_verb<ShardFlags>(sfm, "match", "match the image pairs of one shard", context, add_match_flags,
                        match);
-  add_verb<MapFlags>(
-      sfm, "map", "compute the model of a plan from its finished shards", context,
-      [](Command& verb, MapFlags& flags) { add_flags(verb, flags); }, map);
-  add_verb<MergeFlags>(
-      sfm, "merge", "merge models that share images, if the merge is reliable", context,
-      [](Command& verb, MergeFlags& flags) { add_flags(verb, flags); }, merge);
+  add_verb<MapFlags>(sfm, "map", "compute the model of a plan from its finished shards", context,
+                     add_flags, map);
+  add_verb<ModelMergeFlags>(sfm, "merge",
+                            "merge models that share images, if the merge is reliable", context,
+                            add_flags, merge);
 }
 
 }  // namespace tarsier::cli

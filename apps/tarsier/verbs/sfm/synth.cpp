@@ -25,7 +25,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct SynthFlags {
+struct SfmSynthFlags {
   std::string output;
   std::string size = "1024x768";
   std::string trajectory = "arc";
@@ -71,7 +71,7 @@ nlohmann::ordered_json truth_line(const std::string& name, const geometry::Rigid
 }
 
 // Writes a COLMAP database with the observations of a scene, without images.
-ExitStatus make_observations(SynthFlags& flags, Context& context) {
+ExitStatus make_observations(SfmSynthFlags& flags, Context& context) {
   const auto kind = kSites.find(flags.trajectory);
   if (kind == kSites.end() || flags.depth) {
     throw UsageError(fmt::format("--observations needs --trajectory {}, without --depth",
@@ -118,7 +118,7 @@ bool is_symmetric(const std::string& content) {
 }
 
 // Chooses the content where none is given, and rejects content that does not suit the trajectory.
-void check_content(SynthFlags& flags) {
+void check_content(SfmSynthFlags& flags) {
   const bool in_streets = flags.trajectory == "walk" || flags.trajectory == "city";
   if (flags.content.empty()) flags.content = in_streets ? "houses" : "relief";
   if (in_streets != (flags.content == "houses")) {
@@ -139,7 +139,7 @@ void check_content(SynthFlags& flags) {
 }
 
 // Writes the images of a rendered scene, camera.yaml, and truth.jsonl for `sfm eval`.
-ExitStatus make_scene(SynthFlags& flags, Context& context) {
+ExitStatus make_scene(SfmSynthFlags& flags, Context& context) {
   if (flags.observations) return make_observations(flags, context);
   if (!kTrajectories.contains(flags.trajectory))
     throw UsageError(fmt::format("--trajectory {}: needs --observations", flags.trajectory));
@@ -175,7 +175,7 @@ ExitStatus make_scene(SynthFlags& flags, Context& context) {
   return ExitStatus::kDone;
 }
 
-void add_flags(Command& verb, SynthFlags& flags) {
+void add_flags(Command& verb, SfmSynthFlags& flags) {
   verb.add_option("-o,--output", flags.output, "output folder").required();
   bind_field(verb, flags.scene, flags.scene.images);
   verb.add_option("--size", flags.size, "image size, px").show_default();
@@ -200,7 +200,7 @@ void add_flags(Command& verb, SynthFlags& flags) {
 }  // namespace
 
 void add_sfm_synth(Command& sfm, Context& context) {
-  add_verb<SynthFlags>(
+  add_verb<SfmSynthFlags>(
       sfm, "synth", "render images of a synthetic scene with known cameras, or only their features",
       context, add_flags, make_scene);
 }

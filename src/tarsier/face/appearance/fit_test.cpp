@@ -10,14 +10,11 @@
 namespace tarsier::face::appearance {
 namespace {
 
-AppearanceModel trained(int count = 40) {
-  AppearanceOptions options;
-  NoProgress silent;
-  return train_appearance_model(testing::portraits(count, 1), {}, options, silent, {});
-}
-
-const AppearanceModel& model() {
-  static const AppearanceModel result = trained();
+const AppearanceModel& colour_model() {
+  static const AppearanceModel result = [] {
+    NoProgress silent;
+    return train_appearance_model(test_support::portraits(40, 1), {}, {}, silent, {});
+  }();
   return result;
 }
 
@@ -27,10 +24,10 @@ double mean_error(const Eigen::Matrix2Xd& points, const TrainingImage& truth) {
 
 // The mean shape at the object, displaced by a tenth of its size.
 Eigen::Matrix2Xd disturbed_start(const TrainingImage& image, Rng& rng) {
-  shape::Similarity2d similarity = shape::fit_similarity(model().shape.mean, image.points);
+  shape::Similarity2d similarity = shape::fit_similarity(colour_model().shape.mean, image.points);
   similarity.tx += rng.uniform(-4, 4);
   similarity.ty += rng.uniform(-4, 4);
-  return similarity(model().shape.mean);
+  return similarity(colour_model().shape.mean);
 }
 
 class FitMethodTest : public ::testing::TestWithParam<Method> {};
@@ -38,11 +35,11 @@ class FitMethodTest : public ::testing::TestWithParam<Method> {};
 TEST_P(FitMethodTest, FitsUnseenImages) {
   FitOptions options;
   options.method = GetParam();
-  const Fitter fitter(model(), options);
+  const Fitter fitter(colour_model(), options);
   FitWorkspace workspace;
   Rng rng(5);
   int right = 0;
-  for (const TrainingImage& unseen : testing::portraits(12, 77)) {
+  for (const TrainingImage& unseen : test_support::portraits(12, 77)) {
     const Eigen::Matrix2Xd start = disturbed_start(unseen, rng);
     const FitResult fit = fitter.fit(unseen.image, start, workspace);
     if (mean_error(fit.points, unseen) < 1.0 && !fit.lost) ++right;
@@ -54,24 +51,24 @@ INSTANTIATE_TEST_SUITE_P(Both, FitMethodTest,
                          ::testing::Values(Method::kProjectOut, Method::kAlternating));
 
 TEST(Fit, DoesNotDependOnEarlierFits) {
-  const Fitter fitter(model(), {});
+  const Fitter fitter(colour_model(), {});
   FitWorkspace first;
   FitWorkspace second;
   Rng rng(5);
-  const TrainingImage unseen = testing::portraits(1, 78)[0];
+  const TrainingImage unseen = test_support::portraits(1, 78)[0];
   const Eigen::Matrix2Xd start = disturbed_start(unseen, rng);
   const FitResult a = fitter.fit(unseen.image, start, first);
-  (void)fitter.fit(testing::portraits(1, 3)[0].image, start, second);
+  (void)fitter.fit(test_support::portraits(1, 3)[0].image, start, second);
   const FitResult b = fitter.fit(unseen.image, start, second);
   EXPECT_EQ(a.points, b.points);
   EXPECT_EQ(a.error, b.error);
 }
 
 TEST(Fit, ReportsNoiseImageAsLost) {
-  const Fitter fitter(model(), {});
+  const Fitter fitter(colour_model(), {});
   FitWorkspace workspace;
   Rng rng(5);
-  const TrainingImage unseen = testing::portraits(1, 78)[0];
+  const TrainingImage unseen = test_support::portraits(1, 78)[0];
   cv::Mat noise(unseen.image.size(), CV_8UC3);
   for (int y = 0; y < noise.rows; ++y) {
     for (int x = 0; x < noise.cols; ++x) {
@@ -84,18 +81,18 @@ TEST(Fit, ReportsNoiseImageAsLost) {
 }
 
 TEST(Fit, StaysFinitePartlyOutsideTheImage) {
-  const Fitter fitter(model(), {});
+  const Fitter fitter(colour_model(), {});
   FitWorkspace workspace;
   Rng rng(5);
-  const TrainingImage unseen = testing::portraits(1, 78)[0];
+  const TrainingImage unseen = test_support::portraits(1, 78)[0];
   const Eigen::Matrix2Xd start = disturbed_start(unseen, rng).colwise() + Eigen::Vector2d(-70, 60);
   EXPECT_TRUE(fitter.fit(unseen.image, start, workspace).points.allFinite());
 }
 
 TEST(Fit, RejectsInvalidStarts) {
-  const Fitter fitter(model(), {});
+  const Fitter fitter(colour_model(), {});
   FitWorkspace workspace;
-  const TrainingImage unseen = testing::portraits(1, 78)[0];
+  const TrainingImage unseen = test_support::portraits(1, 78)[0];
   Eigen::Matrix2Xd start = unseen.points;
   start(0, 3) = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THROW((void)fitter.fit(unseen.image, start, workspace), std::invalid_argument);

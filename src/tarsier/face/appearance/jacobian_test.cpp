@@ -25,7 +25,7 @@ class JacobianTest : public ::testing::Test {
     options.levels = 1;
     options.colour = false;
     NoProgress silent;
-    model_ = train_appearance_model(testing::portraits(30, 1), {}, options, silent, {});
+    model_ = train_appearance_model(test_support::portraits(30, 1), {}, options, silent, {});
     const FitOptions fit;
     level_.emplace(make_level(model_, model_.levels[0], fit, model_.shape.mode_count()));
   }

@@ -15,7 +15,7 @@ namespace {
 
 AppearanceModel trained() {
   NoProgress silent;
-  return train_appearance_model(testing::portraits(30, 1), {}, {}, silent, {});
+  return train_appearance_model(test_support::portraits(30, 1), {}, {}, silent, {});
 }
 
 TEST(AppearanceModel, LearnsShapeAndTextureModes) {
@@ -31,7 +31,7 @@ TEST(AppearanceModel, ReconstructsTrainingImages) {
   const AppearanceModel model = trained();
   const Texture& texture = model.levels[0];
   const Eigen::MatrixXf modes = texture.modes();
-  for (const TrainingImage& own : testing::portraits(5, 1)) {
+  for (const TrainingImage& own : test_support::portraits(5, 1)) {
     EXPECT_LT(fit_texture(model, texture, modes, own.image, own.points).error, 0.35);
     const Eigen::Matrix2Xd displaced = own.points.colwise() + Eigen::Vector2d(18, -14);
     EXPECT_GT(fit_texture(model, texture, modes, own.image, displaced).error,
@@ -68,7 +68,7 @@ TEST(AppearanceModel, JsonRoundTripAndRejectsInvalidJson) {
 
 TEST(AppearanceModel, TrainingRejectsOneImage) {
   NoProgress silent;
-  EXPECT_THROW((void)train_appearance_model(testing::portraits(1, 1), {}, {}, silent, {}),
+  EXPECT_THROW((void)train_appearance_model(test_support::portraits(1, 1), {}, {}, silent, {}),
                std::invalid_argument);
 }
 

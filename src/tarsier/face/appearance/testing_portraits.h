@@ -9,7 +9,7 @@
 #include <cmath>
 #include <vector>
 
-namespace tarsier::face::appearance::testing {
+namespace tarsier::face::appearance::test_support {
 
 // A 4 x 4 grid of points on a smooth coloured pattern that deforms with it: two shape modes
 // (height, and a bend of the middle), one texture mode.
@@ -55,4 +55,4 @@ inline std::vector<TrainingImage> portraits(int count, std::uint64_t seed) {
   return result;
 }
 
-}  // namespace tarsier::face::appearance::testing
+}  // namespace tarsier::face::appearance::test_support

@@ -10,13 +10,13 @@
 namespace tarsier::face::appearance {
 namespace {
 
-const AppearanceModel& model() {
+const AppearanceModel& gray_model() {
   static const AppearanceModel result = [] {
     AppearanceOptions options;
     options.colour = false;
     NoProgress silent;
     AppearanceModel trained =
-        train_appearance_model(testing::portraits(40, 1), {}, options, silent, {});
+        train_appearance_model(test_support::portraits(40, 1), {}, options, silent, {});
     trained.lost_error = 0.4;
     return trained;
   }();
@@ -25,7 +25,7 @@ const AppearanceModel& model() {
 
 // A video of the same object on a plain background. It moves a little from frame to frame.
 struct Video {
-  TrainingImage thing = testing::portraits(1, 91)[0];
+  TrainingImage thing = test_support::portraits(1, 91)[0];
   Eigen::Vector2d at{0, 0};
 
   [[nodiscard]] cv::Mat frame(bool is_shown = true) const {
@@ -42,7 +42,7 @@ struct Video {
     return [this, calls](const cv::Mat&) {
       ++*calls;
       const Eigen::Matrix2Xd mean =
-          shape::fit_similarity(model().shape.mean, points())(model().shape.mean);
+          shape::fit_similarity(gray_model().shape.mean, points())(gray_model().shape.mean);
       return std::vector<std::vector<Eigen::Matrix2Xd>>{{mean.colwise() + Eigen::Vector2d(3, -2)}};
     };
   }
@@ -57,7 +57,7 @@ class TrackTest : public ::testing::TestWithParam<Method> {};
 TEST_P(TrackTest, TracksWithoutSearchAndKeepsId) {
   FitOptions options;
   options.method = GetParam();
-  const Fitter fitter(model(), options);
+  const Fitter fitter(gray_model(), options);
   Video video;
   Track track;
   int calls = 0;
@@ -77,7 +77,7 @@ INSTANTIATE_TEST_SUITE_P(Both, TrackTest,
                          ::testing::Values(Method::kProjectOut, Method::kAlternating));
 
 TEST(Track, ReappearingObjectKeepsItsId) {
-  const Fitter fitter(model(), {});
+  const Fitter fitter(gray_model(), {});
   Video video;
   Track track;
   int calls = 0;
@@ -97,7 +97,7 @@ TEST(Track, ReappearingObjectKeepsItsId) {
 }
 
 TEST(Track, DuplicateStartsGiveOneObject) {
-  const Fitter fitter(model(), {});
+  const Fitter fitter(gray_model(), {});
   const Video video;
   int calls = 0;
   const FindStarts one = video.find(&calls);
@@ -114,10 +114,10 @@ TEST(Track, DuplicateStartsGiveOneObject) {
 TEST(Track, FindObjectsDoesNotDependOnEarlierImages) {
   FitOptions options;
   options.method = Method::kAlternating;
-  const Fitter fitter(model(), options);
+  const Fitter fitter(gray_model(), options);
   const Video video;
   Video other;
-  other.thing = testing::portraits(1, 92)[0];
+  other.thing = test_support::portraits(1, 92)[0];
   int calls = 0;
   FitWorkspace used;
   FitWorkspace fresh;

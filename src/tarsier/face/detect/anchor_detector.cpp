@@ -20,7 +20,7 @@
 namespace tarsier::face {
 namespace {
 
-constexpr int kVersion = 1;
+constexpr int kAnchorDetectorVersion = 1;
 constexpr int kSeparable = 5;        // conv1 .. conv5
 constexpr int kValuesPerBox = 5;     // of a box: dx, dy, width, height, face
 constexpr float kLeakySlope = 0.1F;  // of the rectifiers
@@ -139,13 +139,14 @@ AnchorDetector build_anchor_detector(const linalg::NamedTensors& weights, const 
 void write_anchor_detector(const std::string& path, const linalg::NamedTensors& tensors,
                            const nlohmann::json& provenance) {
   write_archive(path, {std::string(kAnchorDetectorType),
-                       kVersion,
+                       kAnchorDetectorVersion,
                        provenance,
                        {{"tensors", linalg::tensors_to_json(tensors)}}});
 }
 
 AnchorDetector read_anchor_detector(const std::string& path) {
-  const Archive archive = read_archive(path, std::string(kAnchorDetectorType), kVersion);
+  const Archive archive =
+      read_archive(path, std::string(kAnchorDetectorType), kAnchorDetectorVersion);
   return build_anchor_detector(linalg::tensors_from_json(archive.payload, "tensors", path), path);
 }
 

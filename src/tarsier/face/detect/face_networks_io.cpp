@@ -7,7 +7,7 @@
 namespace tarsier::face {
 namespace {
 
-constexpr int kVersion = 1;
+constexpr int kFaceNetworksVersion = 1;
 
 void list_face_networks(linalg::ModelFields& file, FaceNetworks& networks) {
   file.network("scan", networks.scan);
@@ -22,13 +22,14 @@ void list_face_networks(linalg::ModelFields& file, FaceNetworks& networks) {
 void write_face_networks(const std::string& path, const FaceNetworks& networks,
                          const nlohmann::json& provenance) {
   networks.require();
-  write_archive(path, {std::string(kFaceNetworksType), kVersion, provenance,
+  write_archive(path, {std::string(kFaceNetworksType), kFaceNetworksVersion, provenance,
                        linalg::written(networks, list_face_networks)});
 }
 
 FaceNetworks read_face_networks(const std::string& path) {
   auto networks = linalg::read_fields<FaceNetworks>(
-      read_archive(path, kFaceNetworksType, kVersion).payload, path, list_face_networks);
+      read_archive(path, kFaceNetworksType, kFaceNetworksVersion).payload, path,
+      list_face_networks);
   try {
     networks.require();
   } catch (const std::invalid_argument& error) {

@@ -1,24 +1,20 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/head/angles.h"
 
+#include "tarsier/core/angles.h"
+
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 namespace tarsier::face::head {
-namespace {
-
-constexpr double kRadians = std::numbers::pi / 180;
-
-}  // namespace
 
 Eigen::Matrix3d rotation_of_angles(const HeadAngles& angles) {
-  const double cy = std::cos(angles.yaw_deg * kRadians);
-  const double sy = std::sin(angles.yaw_deg * kRadians);
-  const double cp = std::cos(angles.pitch_deg * kRadians);
-  const double sp = std::sin(angles.pitch_deg * kRadians);
-  const double cr = std::cos(angles.roll_deg * kRadians);
-  const double sr = std::sin(angles.roll_deg * kRadians);
+  const double cy = std::cos(angles.yaw_deg * kRadiansPerDegree);
+  const double sy = std::sin(angles.yaw_deg * kRadiansPerDegree);
+  const double cp = std::cos(angles.pitch_deg * kRadiansPerDegree);
+  const double sp = std::sin(angles.pitch_deg * kRadiansPerDegree);
+  const double cr = std::cos(angles.roll_deg * kRadiansPerDegree);
+  const double sr = std::sin(angles.roll_deg * kRadiansPerDegree);
   const Eigen::Matrix3d by_yaw{{cy, 0, sy}, {0, 1, 0}, {-sy, 0, cy}};
   const Eigen::Matrix3d by_pitch{{1, 0, 0}, {0, cp, sp}, {0, -sp, cp}};
   const Eigen::Matrix3d by_roll{{cr, -sr, 0}, {sr, cr, 0}, {0, 0, 1}};
@@ -30,12 +26,12 @@ Eigen::Matrix3d rotation_of_angles(const HeadAngles& angles) {
 HeadAngles angles_of_rotation(const Eigen::Matrix3d& r) {
   HeadAngles angles;
   const double level = std::hypot(r(0, 1), r(1, 1));
-  angles.pitch_deg = std::atan2(-r(2, 1), level) / kRadians;
+  angles.pitch_deg = std::atan2(-r(2, 1), level) / kRadiansPerDegree;
   if (level > 1e-9) {
-    angles.yaw_deg = std::atan2(-r(2, 0), r(2, 2)) / kRadians;
-    angles.roll_deg = std::atan2(-r(0, 1), r(1, 1)) / kRadians;
+    angles.yaw_deg = std::atan2(-r(2, 0), r(2, 2)) / kRadiansPerDegree;
+    angles.roll_deg = std::atan2(-r(0, 1), r(1, 1)) / kRadiansPerDegree;
   } else {
-    angles.yaw_deg = std::atan2(r(0, 2), r(0, 0)) / kRadians;
+    angles.yaw_deg = std::atan2(r(0, 2), r(0, 0)) / kRadiansPerDegree;
   }
   return angles;
 }

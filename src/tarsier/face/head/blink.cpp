@@ -13,7 +13,6 @@
 namespace tarsier::face::head {
 namespace {
 
-constexpr Eigen::Index kPoints = 68;
 // Outer and inner corners of the eyes.
 constexpr std::array<std::array<int, 2>, 2> kCorners{{{36, 39}, {42, 45}}};
 // Size of the sampled area, in distances of the corners.
@@ -74,7 +73,7 @@ EyePatches eye_patches(const cv::Mat& image, const Eigen::Matrix2Xd& reference,
                        const AffineMap& map) {
   TARSIER_REQUIRE(!image.empty() && (image.type() == CV_8UC1 || image.type() == CV_8UC3),
                   "an image of 8 bits with 1 or 3 channels is needed for the eyes");
-  TARSIER_REQUIRE(reference.cols() == kPoints, "{} points, not 68", reference.cols());
+  TARSIER_REQUIRE(reference.cols() == kFacePoints, "{} points, not 68", reference.cols());
   EyePatches patches;
   for (std::size_t eye = 0; eye < patches.size(); ++eye) {
     patches[eye] = Eigen::VectorXf::Zero(kEyeWidth * kEyeHeight);

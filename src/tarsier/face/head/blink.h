@@ -24,7 +24,8 @@ namespace tarsier::face::head {
 
 using AffineMap = Eigen::Matrix<double, 2, 3>;
 
-inline constexpr int kEyeWidth = 32;  // samples
+inline constexpr Eigen::Index kFacePoints = 68;  // iBUG's
+inline constexpr int kEyeWidth = 32;             // samples
 inline constexpr int kEyeHeight = 20;
 // Both eyes, each with its mean subtracted and norm 1 (or zero, if uniform).
 using EyePatches = std::array<Eigen::VectorXf, 2>;

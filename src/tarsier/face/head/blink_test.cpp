@@ -12,22 +12,21 @@
 namespace tarsier::face::head {
 namespace {
 
-constexpr double kFps = 15;
-
 // Two eyes of 60 px. `open` is the opening of the lids, 1: open. Of the 68 points only those of the
 // eyes and the irises matter.
 Eigen::Matrix2Xd eyes(double open) {
-  constexpr Eigen::Index kIris = 16;
-  Eigen::Matrix2Xd points = Eigen::Matrix2Xd::Zero(2, 68 + 2 * kIris);
+  constexpr Eigen::Index kIrisPoints = 16;
+  Eigen::Matrix2Xd points = Eigen::Matrix2Xd::Zero(2, 68 + 2 * kIrisPoints);
   const double dx[6] = {-30, -10, 10, 30, 10, -10};
   const double dy[6] = {0, -11, -11, 0, 11, 11};
   for (Eigen::Index eye = 0; eye < 2; ++eye) {
     const Eigen::Vector2d center(eye == 0 ? 250 : 390, 240);
     for (Eigen::Index k = 0; k < 6; ++k)
       points.col(36 + 6 * eye + k) = center + Eigen::Vector2d(dx[k], open * dy[k]);
-    for (Eigen::Index k = 0; k < kIris; ++k) {
-      const double a = 2 * 3.14159265358979 * static_cast<double>(k) / kIris;
-      points.col(68 + kIris * eye + k) = center + 11 * Eigen::Vector2d(std::cos(a), std::sin(a));
+    for (Eigen::Index k = 0; k < kIrisPoints; ++k) {
+      const double a = 2 * 3.14159265358979 * static_cast<double>(k) / kIrisPoints;
+      points.col(68 + kIrisPoints * eye + k) =
+          center + 11 * Eigen::Vector2d(std::cos(a), std::sin(a));
     }
   }
   return points;
@@ -37,7 +36,7 @@ AffineMap no_motion() { return AffineMap::Identity(); }
 
 EyePatches patches(double open) {
   const Eigen::Matrix2Xd points = eyes(1);
-  return eye_patches(testing::image_of_eyes(eyes(open)), points.leftCols(68), no_motion());
+  return eye_patches(test_support::image_of_eyes(eyes(open)), points.leftCols(68), no_motion());
 }
 
 // The frames (from 0) in which a detector finds a blink.
@@ -45,14 +44,15 @@ std::vector<int> blinks(const std::vector<std::pair<double, EyePatches>>& frames
   BlinkDetector detector({});
   std::vector<int> found;
   for (std::size_t i = 0; i < frames.size(); ++i)
-    if (detector.step(static_cast<double>(i) / kFps, frames[i].first, frames[i].second))
+    if (detector.step(static_cast<double>(i) / test_support::kFps, frames[i].first,
+                      frames[i].second))
       found.push_back(static_cast<int>(i));
   return found;
 }
 
 TEST(EyePatchesTest, IsInvariantToAffineMotion) {
   const Eigen::Matrix2Xd points = eyes(1);
-  const cv::Mat image = testing::image_of_eyes(points);
+  const cv::Mat image = test_support::image_of_eyes(points);
   const EyePatches first = patches(1);
   for (const double squeeze : {1.0, 0.7, 1.3}) {
     AffineMap map;
@@ -75,7 +75,7 @@ TEST(EyePatchesTest, AcceptsAnyPositionAndRejectsInvalidInput) {
   const Eigen::Matrix2Xd points = eyes(1).leftCols(68);
   AffineMap away = no_motion();
   away.col(2) << -245, 0;  // one eye at the image's edge
-  const cv::Mat image = testing::image_of_eyes(eyes(1));
+  const cv::Mat image = test_support::image_of_eyes(eyes(1));
   const EyePatches at_edge = eye_patches(image.colRange(245, 640), points, away);
   EXPECT_NEAR(at_edge[0].norm(), 1, 1e-5);
   EXPECT_GT(at_edge[1].dot(patches(1)[1]), 0.999);

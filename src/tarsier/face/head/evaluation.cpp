@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/head/evaluation.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/statistics.h"
 #include "tarsier/core/words.h"
@@ -16,15 +17,12 @@
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <numeric>
 #include <sstream>
 #include <string_view>
 
 namespace tarsier::face::head {
 namespace {
-
-constexpr double kDegree = CV_PI / 180;
 
 // R = Rz(roll) Rx(pitch) Ry(yaw), degrees: pitch, yaw, roll.
 Eigen::Vector3d biwi_of(const Eigen::Matrix3d& r) {
@@ -35,7 +33,7 @@ Eigen::Vector3d biwi_of(const Eigen::Matrix3d& r) {
 double wrapped(double degrees) { return std::remainder(degrees, 360.0); }
 
 double angle_between(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) {
-  return geometry::angle_of(a * b.transpose()) / kDegree;
+  return geometry::angle_of(a * b.transpose()) / kRadiansPerDegree;
 }
 
 double mean(const std::vector<double>& values) {
@@ -243,26 +241,24 @@ std::optional<PointingName> parse_pointing_name(const std::string& path) {
 }
 
 Gaze gaze_of_rotation(const Eigen::Matrix3d& r) {
-  constexpr double kDegree = std::numbers::pi / 180;
-  return {std::atan2(r(0, 2), r(2, 2)) / kDegree,
-          std::asin(std::clamp(r(1, 2), -1.0, 1.0)) / kDegree};
+  return {std::atan2(r(0, 2), r(2, 2)) / kRadiansPerDegree,
+          std::asin(std::clamp(r(1, 2), -1.0, 1.0)) / kRadiansPerDegree};
 }
 
 Eigen::Vector3d forward_of_gaze(const Gaze& gaze) {
-  constexpr double kDegree = std::numbers::pi / 180;
-  const double across = std::cos(gaze.elevation_deg * kDegree);
-  return {-std::sin(gaze.azimuth_deg * kDegree) * across, -std::sin(gaze.elevation_deg * kDegree),
-          -std::cos(gaze.azimuth_deg * kDegree) * across};
+  const double across = std::cos(gaze.elevation_deg * kRadiansPerDegree);
+  return {-std::sin(gaze.azimuth_deg * kRadiansPerDegree) * across,
+          -std::sin(gaze.elevation_deg * kRadiansPerDegree),
+          -std::cos(gaze.azimuth_deg * kRadiansPerDegree) * across};
 }
 
 HeadAngles angles_towards(const Eigen::Vector3d& forward, double roll_deg) {
-  constexpr double kDegree = std::numbers::pi / 180;
-  const double c = std::cos(roll_deg * kDegree);
-  const double s = std::sin(roll_deg * kDegree);
+  const double c = std::cos(roll_deg * kRadiansPerDegree);
+  const double s = std::sin(roll_deg * kRadiansPerDegree);
   const double x = c * forward[0] + s * forward[1];
   const double y = -s * forward[0] + c * forward[1];
-  return {std::asin(std::clamp(-x, -1.0, 1.0)) / kDegree, std::atan2(-y, -forward[2]) / kDegree,
-          roll_deg};
+  return {std::asin(std::clamp(-x, -1.0, 1.0)) / kRadiansPerDegree,
+          std::atan2(-y, -forward[2]) / kRadiansPerDegree, roll_deg};
 }
 
 PointingScore score_pointing(const std::vector<PointingOutcome>& outcomes) {

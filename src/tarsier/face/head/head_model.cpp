@@ -12,16 +12,16 @@ namespace tarsier::face::head {
 using Eigen::Index;
 
 namespace {
-constexpr double kMaxValue = 1e6;   // mm, limit for all numbers of a model
-constexpr double kMinNoise = 1e-6;  // mm
+constexpr double kMaxModelValue = 1e6;  // mm, limit for all numbers of a model
+constexpr double kMinNoise = 1e-6;      // mm
 }  // namespace
 
 void HeadModel::check() const {
   const int n = points();
   const int m = mode_count();
   TARSIER_REQUIRE(n >= 4, "a head of {} points", n);
-  TARSIER_REQUIRE(mean.allFinite() && mean.cwiseAbs().maxCoeff() <= kMaxValue,
-                  "the mean is not finite or beyond {} mm", kMaxValue);
+  TARSIER_REQUIRE(mean.allFinite() && mean.cwiseAbs().maxCoeff() <= kMaxModelValue,
+                  "the mean is not finite or beyond {} mm", kMaxModelValue);
   TARSIER_REQUIRE(modes.rows() == 3 * n || m == 0, "modes of {} rows for {} points", modes.rows(),
                   n);
   TARSIER_REQUIRE(m == 0 || modes.allFinite(), "the modes are not finite");
@@ -30,12 +30,12 @@ void HeadModel::check() const {
                   "{} landmark numbers of {} points", landmark.size(), n);
   // Points are weighted by 1 / noise^2.
   TARSIER_REQUIRE(noise.size() == n && noise.allFinite() && noise.minCoeff() >= kMinNoise &&
-                      noise.maxCoeff() <= kMaxValue,
+                      noise.maxCoeff() <= kMaxModelValue,
                   "the noise of the points must be {} numbers of {} to {} mm", n, kMinNoise,
-                  kMaxValue);
+                  kMaxModelValue);
   for (const int number : landmark) TARSIER_REQUIRE(number >= 0, "landmark number {}", number);
   for (int k = 0; k < m; ++k) {
-    TARSIER_REQUIRE(deviation[k] >= 0 && deviation[k] <= kMaxValue &&
+    TARSIER_REQUIRE(deviation[k] >= 0 && deviation[k] <= kMaxModelValue &&
                         (k == 0 || deviation[k] <= deviation[k - 1]),
                     "deviation {} is {}", k, deviation[k]);
   }

@@ -19,7 +19,7 @@ using nlohmann::json;
 
 constexpr const char* kType = "head-model";
 constexpr int kVersion = 1;
-constexpr int kMaxPoints = 10'000;
+constexpr int kMaxModelPoints = 10'000;
 
 std::vector<int> indices(const json& list, const std::string& path, const std::string& name,
                          std::size_t count) {
@@ -41,7 +41,7 @@ std::vector<int> numbers(const json& object, const std::string& path, const std:
 
 void list_head_model(linalg::ModelFields& file, HeadModel& model) {
   file.matrix("mean", model.mean, 3, -1);
-  file.require(model.points() >= 4 && model.points() <= kMaxPoints, "'mean' has {} points",
+  file.require(model.points() >= 4 && model.points() <= kMaxModelPoints, "'mean' has {} points",
                model.points());
   const auto points = static_cast<std::size_t>(model.points());
   file.matrix("modes", model.modes, model.mean.size(), -1);

@@ -11,7 +11,6 @@
 #include <cstdlib>
 #include <fstream>
 #include <limits>
-#include <numbers>
 #include <stdexcept>
 #include <string>
 
@@ -22,12 +21,7 @@ using Eigen::Matrix2Xd;
 using Eigen::Matrix3Xd;
 using Eigen::VectorXd;
 
-constexpr double kDegrees = 180 / std::numbers::pi;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-
-double degrees_between(const geometry::Rigid3& a, const geometry::Rigid3& b) {
-  return geometry::angle_of(a.rotation * b.rotation.transpose()) * kDegrees;
-}
 
 VectorXd random_b(const HeadModel& model, Rng& rng) {
   VectorXd b(model.mode_count());

@@ -25,7 +25,6 @@ constexpr NameTable<LivenessTask, 3> kTaskNames{"task",
                                                   {LivenessTask::kTurnLeft, "turn left"},
                                                   {LivenessTask::kTurnRight, "turn right"}}}};
 
-constexpr Eigen::Index kPoints = 68;
 constexpr int kNoseTip = 30;
 // Nearly coplanar points that expressions move little.
 constexpr std::array<int, 8> kPlanarPoints{36, 39, 42, 45, 31, 35, 48, 54};
@@ -117,7 +116,7 @@ void Liveness::record_reference(const LivenessFrame& frame) {
   if (!start_) {
     start_ = frame.time;
     first_ = frame.points;
-    sum_ = Eigen::Matrix2Xd::Zero(2, kPoints);
+    sum_ = Eigen::Matrix2Xd::Zero(2, kFacePoints);
   }
   sum_ += mapped(affine_between(frame.points, first_), frame.points);
   yaw_sum_ += *frame.yaw_deg;
@@ -175,8 +174,8 @@ const LivenessStatus& Liveness::step(const LivenessFrame& frame) {
   const bool is_over =
       status_.state == LivenessState::kPassed || status_.state == LivenessState::kFailed;
   if (is_over) return status_;
-  TARSIER_REQUIRE(frame.points.cols() == 0 || frame.points.cols() == kPoints, "{} points, not 68",
-                  frame.points.cols());
+  TARSIER_REQUIRE(frame.points.cols() == 0 || frame.points.cols() == kFacePoints,
+                  "{} points, not 68", frame.points.cols());
   TARSIER_REQUIRE(!last_time_ || frame.time >= *last_time_, "time {} after {}", frame.time,
                   last_time_.value_or(0));
   if (!last_time_) last_face_time_ = task_start_ = frame.time;

@@ -18,8 +18,6 @@ namespace {
 
 using ::testing::ElementsAreArray;
 
-constexpr double kFps = 15;
-
 constexpr Eigen::Index kIris = 12;  // points
 
 // 68 points of a head made by formulas and the outlines of its irises, mm, in the head's frame (x
@@ -55,8 +53,8 @@ Eigen::Matrix3Xd formula_head(double open) {
 }
 
 // Projection with a focal length of 800 px at 600 mm.
-Eigen::Matrix2Xd image_of(const Eigen::Matrix3Xd& shape, const HeadAngles& angles, double noise,
-                          Rng& rng) {
+Eigen::Matrix2Xd centred_image_of(const Eigen::Matrix3Xd& shape, const HeadAngles& angles,
+                                  double noise, Rng& rng) {
   const Eigen::Matrix3d rotation = rotation_of_angles(angles);
   Eigen::Matrix2Xd out(2, shape.cols());
   for (Eigen::Index i = 0; i < shape.cols(); ++i) {
@@ -101,16 +99,16 @@ LivenessStatus run_challenge(std::uint64_t seed, const MotionScript& script, boo
                              double noise = 0.5, const LivenessOptions& options = {}) {
   Liveness liveness(seed, options);
   Rng rng(seed + 1000);
-  for (double time = 0; time < 40; time += 1 / kFps) {
+  for (double time = 0; time < 40; time += 1 / test_support::kFps) {
     const Motion motion = script(liveness.status(), time);
     Eigen::Matrix3Xd shape = formula_head(flat ? 1 : motion.open);
     if (flat) shape.row(2).setZero();
     LivenessFrame frame;
     frame.time = time;
     frame.id = 1;
-    frame.points = image_of(shape, motion.angles, noise, rng).leftCols(68);
+    frame.points = centred_image_of(shape, motion.angles, noise, rng).leftCols(68);
     if (liveness.status().task == LivenessTask::kBlink)
-      frame.image = testing::image_of_eyes(image_of(shape, motion.angles, 0, rng));
+      frame.image = test_support::image_of_eyes(centred_image_of(shape, motion.angles, 0, rng));
     frame.yaw_deg = motion.angles.yaw_deg + rng.normal();
     frame.pitch_deg = motion.angles.pitch_deg + rng.normal();
     const LivenessStatus& status = liveness.step(frame);
@@ -188,7 +186,7 @@ TEST(Liveness, FailsWithoutAFaceOrWithAnotherId) {
     LivenessFrame out;
     out.time = time;
     out.id = id;
-    out.points = image_of(formula_head(1), {}, 0.3, rng).leftCols(68);
+    out.points = centred_image_of(formula_head(1), {}, 0.3, rng).leftCols(68);
     out.yaw_deg = 0;
     return out;
   };

@@ -9,10 +9,6 @@
 namespace tarsier::face::head {
 namespace {
 
-double degrees_between(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) {
-  return geometry::angle_of(a * b.transpose()) * 180 / CV_PI;
-}
-
 Eigen::Vector3d forward_of(const Eigen::Matrix3d& r) { return r * Eigen::Vector3d(0, 0, -1); }
 
 TEST(PoseTowards, RecoversRollAndTranslation) {
@@ -27,7 +23,7 @@ TEST(PoseTowards, RecoversRollAndTranslation) {
         truth.rotation * rotation_of_angles({0, 0, rng.uniform(-20, 20)});
     const HeadPoseResult found = estimator.pose_towards(points, testing_camera(), turned);
     ASSERT_TRUE(found.pose) << found.reason;
-    EXPECT_LT(degrees_between(found.pose->camera_from_head.rotation, truth.rotation), 1);
+    EXPECT_LT(degrees_between(found.pose->camera_from_head, truth), 1);
     EXPECT_LT((found.pose->camera_from_head.translation - truth.translation).norm(), 25);
   }
 }

@@ -22,8 +22,6 @@ using Eigen::Matrix2Xd;
 using Eigen::Matrix3Xd;
 using Eigen::VectorXd;
 
-constexpr double kDegrees = 180 / std::numbers::pi;
-
 Matrix2Xd normalized_image(const Matrix3Xd& shape, const geometry::Rigid3& pose) {
   Matrix2Xd image(2, shape.cols());
   for (Eigen::Index i = 0; i < shape.cols(); ++i) {
@@ -31,10 +29,6 @@ Matrix2Xd normalized_image(const Matrix3Xd& shape, const geometry::Rigid3& pose)
     image.col(i) << x[0] / x[2], x[1] / x[2];
   }
   return image;
-}
-
-double degrees_between(const geometry::Rigid3& a, const geometry::Rigid3& b) {
-  return geometry::angle_of(a.rotation * b.rotation.transpose()) * kDegrees;
 }
 
 PositOptions options_of(PositMethod method, int refine_steps = 0) {

@@ -1,26 +1,21 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/head/smoothing.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/face/head/angles.h"
+#include "tarsier/face/head/testing_head.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 #include <stdexcept>
 
 namespace tarsier::face::head {
 namespace {
 
-constexpr double kDegrees = 180 / std::numbers::pi;
-
 geometry::Rigid3 pose_of(double yaw, double roll = 0, double x = 0) {
   return {rotation_of_angles({yaw, 0, roll}), {x, 0, 600}};
-}
-
-double degrees_between(const geometry::Rigid3& a, const geometry::Rigid3& b) {
-  return geometry::angle_of(a.rotation * b.rotation.transpose()) * kDegrees;
 }
 
 TEST(MeanPose, AveragesAcross180Degrees) {
@@ -82,11 +77,12 @@ TEST(OneEuro, RestartsWhenTimeGoesBack) {
 
 // Variance of an angle about the camera's y axis by a covariance (rad^2).
 double degrees_about_y(const Eigen::Matrix3d& covariance) {
-  return std::sqrt(covariance(1, 1)) * kDegrees;
+  return std::sqrt(covariance(1, 1)) * kDegreesPerRadian;
 }
 
 Eigen::Matrix3d covariance_of(double degrees) {
-  return Eigen::Matrix3d::Identity() * (degrees / kDegrees) * (degrees / kDegrees);
+  return Eigen::Matrix3d::Identity() * (degrees / kDegreesPerRadian) *
+         (degrees / kDegreesPerRadian);
 }
 
 TEST(Smoothing, KeepsUncertaintyOfAStillHead) {

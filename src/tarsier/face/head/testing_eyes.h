@@ -9,9 +9,10 @@
 #include <vector>
 
 // Images of 640 x 480 px with two drawn eyes, for tests of blinks.
-namespace tarsier::face::head::testing {
+namespace tarsier::face::head::test_support {
 
-constexpr int kShift = 4;  // fractional bits of pixel coordinates
+inline constexpr double kFps = 15;  // of the videos
+constexpr int kShift = 4;           // fractional bits of pixel coordinates
 
 inline std::vector<cv::Point> pixels_of(const Eigen::Matrix2Xd& points, Eigen::Index first,
                                         Eigen::Index count, cv::Point corner) {
@@ -46,4 +47,4 @@ inline cv::Mat image_of_eyes(const Eigen::Matrix2Xd& points) {
   return image;
 }
 
-}  // namespace tarsier::face::head::testing
+}  // namespace tarsier::face::head::test_support

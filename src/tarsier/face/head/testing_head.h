@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/face/head/angles.h"
 #include "tarsier/face/head/head_model.h"
@@ -88,6 +89,10 @@ inline geometry::Rigid3 random_pose(Rng& rng) {
   const double x = distance * rng.uniform(-0.2, 0.2);
   pose.translation = {x, distance * rng.uniform(-0.1, 0.1), distance};
   return pose;
+}
+
+inline double degrees_between(const geometry::Rigid3& a, const geometry::Rigid3& b) {
+  return geometry::angle_of(a.rotation * b.rotation.transpose()) * kDegreesPerRadian;
 }
 
 // 2 x n px, with Gaussian noise.

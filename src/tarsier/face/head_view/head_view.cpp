@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/head_view/head_view.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/require.h"
 
 #include <opencv2/imgproc.hpp>
@@ -13,7 +14,6 @@
 namespace tarsier::face::head_view {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 // Centre of the visible head, in its frame, mm: between nose and ears.
 const Eigen::Vector3d kHeadCenter(0, 30, 40);
 constexpr double kMinPx = 16;
@@ -32,8 +32,8 @@ cv::Mat upright_crop(const cv::Mat& gray, const cv::Point2d& middle, double px_p
   while (times < 8 && kSide * times < kSideMm * px_per_mm) times *= 2;
   const int side = kSide * times;
   const double scale = kSideMm * px_per_mm / side;  // image px per crop px
-  const double c = scale * std::cos(roll_deg * kDegree);
-  const double s = scale * std::sin(roll_deg * kDegree);
+  const double c = scale * std::cos(roll_deg * kRadiansPerDegree);
+  const double s = scale * std::sin(roll_deg * kRadiansPerDegree);
   const double half = (side - 1) / 2.0;
   const cv::Matx23d image_from_crop(c, -s, middle.x - c * half + s * half,  //
                                     s, c, middle.y - s * half - c * half);
@@ -113,8 +113,8 @@ bool set_offsets(const geometry::Camera& camera, const geometry::Rigid3& camera_
                  HeadView& view) {
   const auto n = points.cols();
   if (static_cast<Eigen::Index>(head.mirror.size()) != n) return true;
-  const double c = std::cos(view.angles.roll_deg * kDegree) / px_per_mm;
-  const double s = std::sin(view.angles.roll_deg * kDegree) / px_per_mm;
+  const double c = std::cos(view.angles.roll_deg * kRadiansPerDegree) / px_per_mm;
+  const double s = std::sin(view.angles.roll_deg * kRadiansPerDegree) / px_per_mm;
   Eigen::Matrix2Xf offsets(2, n);
   for (Eigen::Index i = 0; i < n; ++i) {
     const auto pixel = camera.project(camera_from_head * Eigen::Vector3d(head.mean.col(i)));
@@ -211,12 +211,12 @@ HeadView mirrored(const HeadView& view) {
 }
 
 Direction direction_of(const HeadView& view, const Eigen::Vector3d& forward_in_view) {
-  const double c = std::cos(view.angles.roll_deg * kDegree);
-  const double s = std::sin(view.angles.roll_deg * kDegree);
+  const double c = std::cos(view.angles.roll_deg * kRadiansPerDegree);
+  const double s = std::sin(view.angles.roll_deg * kRadiansPerDegree);
   const double x = c * forward_in_view[0] + s * forward_in_view[1];
   const double y = -s * forward_in_view[0] + c * forward_in_view[1];
-  return {std::atan2(-y, -forward_in_view[2]) / kDegree,
-          std::asin(std::clamp(-x, -1.0, 1.0)) / kDegree};
+  return {std::atan2(-y, -forward_in_view[2]) / kRadiansPerDegree,
+          std::asin(std::clamp(-x, -1.0, 1.0)) / kRadiansPerDegree};
 }
 
 Eigen::Matrix3d rotation_towards(const HeadView& view, const Direction& direction) {

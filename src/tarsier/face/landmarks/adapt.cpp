@@ -20,7 +20,7 @@ namespace {
 constexpr int kMinFacesForChoice = 3;  // images
 constexpr int kMaxFolds = 5;
 constexpr int kMaxStarts = 1500;  // for all images together: the size of the dual problem
-constexpr int kTestStarts = 5;
+constexpr int kChoiceStarts = 5;
 constexpr std::uint64_t kTestSeed = 0x7e57;
 
 void adapt_parts(LandmarkModel& model, const LandmarkModel& base,
@@ -37,7 +37,7 @@ void adapt_parts(LandmarkModel& model, const LandmarkModel& base,
 double error_of(const LandmarkModel& model, const std::vector<TrainingFace>& faces,
                 std::uint64_t seed, const std::stop_token& stop) {
   const std::vector<Start> starts =
-      scattered_starts(faces, model.shape.mean, kTestStarts, seed ^ kTestSeed);
+      scattered_starts(faces, model.shape.mean, kChoiceStarts, seed ^ kTestSeed);
   std::vector<double> errors(starts.size());
   const FitOptions options;
   cv::parallel_for_(cv::Range(0, static_cast<int>(starts.size())), [&](const cv::Range& range) {

@@ -79,18 +79,18 @@ std::vector<Sample> reduced_samples(const Descent& base, const std::vector<Train
 }
 
 // Rows of features with the constant last, and the residuals of the steps after R0.
-struct Problem {
+struct RidgeProblem {
   Eigen::MatrixXd features;
   Eigen::MatrixXd base_steps;
   Eigen::MatrixXd errors;
   double constant = 1;
 };
 
-Problem problem_of(const Descent::Stage& stage, const Eigen::Matrix2Xd& mean,
-                   const std::vector<Sample>& samples, const std::stop_token& stop) {
+RidgeProblem problem_of(const Descent::Stage& stage, const Eigen::Matrix2Xd& mean,
+                        const std::vector<Sample>& samples, const std::stop_token& stop) {
   const auto count = static_cast<Eigen::Index>(samples.size());
   const Eigen::Index width = stage.weights.cols();
-  Problem problem;
+  RidgeProblem problem;
   problem.features.resize(count, width + 1);
   problem.base_steps.resize(count, stage.weights.rows());
   problem.errors.resize(count, stage.weights.rows());
@@ -117,7 +117,7 @@ Problem problem_of(const Descent::Stage& stage, const Eigen::Matrix2Xd& mean,
   return problem;
 }
 
-void move(Sample& sample, const Eigen::Matrix2Xd& mean, const Eigen::RowVectorXd& step) {
+void move_sample(Sample& sample, const Eigen::Matrix2Xd& mean, const Eigen::RowVectorXd& step) {
   const shape::Similarity2d back = shape::fit_similarity(sample.points, mean).inverse();
   Eigen::Matrix2Xd moved = sample.points;
   for (Eigen::Index p = 0; p < moved.cols(); ++p) {
@@ -131,7 +131,8 @@ void move(Sample& sample, const Eigen::Matrix2Xd& mean, const Eigen::RowVectorXd
 // image, its starts are divided into parts. If the base moved these samples, each stage would learn
 // the person's whole offset again.
 void move_samples(std::vector<Sample>& samples, const Eigen::Matrix2Xd& mean,
-                  const Problem& problem, const Eigen::MatrixXd& kernel, double lambda, int faces) {
+                  const RidgeProblem& problem, const Eigen::MatrixXd& kernel, double lambda,
+                  int faces) {
   const int parts = faces > 1 ? std::min(faces, kMaxParts) : 2;
   for (int part = 0; part < parts; ++part) {
     std::vector<Eigen::Index> own;
@@ -148,8 +149,8 @@ void move_samples(std::vector<Sample>& samples, const Eigen::Matrix2Xd& mean,
       learned = likeness * dual(kernel(others, others), errors, lambda);
     }
     for (std::size_t k = 0; k < own.size(); ++k) {
-      move(samples[static_cast<std::size_t>(own[k])], mean,
-           problem.base_steps.row(own[k]) + learned.row(static_cast<Eigen::Index>(k)));
+      move_sample(samples[static_cast<std::size_t>(own[k])], mean,
+                  problem.base_steps.row(own[k]) + learned.row(static_cast<Eigen::Index>(k)));
     }
   }
 }
@@ -163,7 +164,7 @@ Descent adapt_descent(const Descent& base, const std::vector<TrainingFace>& face
   std::vector<Sample> samples = reduced_samples(base, faces, starts);
   for (Descent::Stage& stage : model.stages) {
     throw_if_stopped(stop);
-    const Problem problem = problem_of(stage, model.mean, samples, stop);
+    const RidgeProblem problem = problem_of(stage, model.mean, samples, stop);
     const Eigen::MatrixXd kernel = problem.features * problem.features.transpose();
     const double lambda = lambda_of(ridge, kernel, faces.size());
     const Eigen::MatrixXd change =
@@ -211,8 +212,8 @@ RegressionNetwork adapt_network(const RegressionNetwork& base,
   const Eigen::MatrixXd kernel = features * features.transpose();
   const Eigen::MatrixXd change =
       features.transpose() * dual(kernel, errors, lambda_of(ridge, kernel, faces.size()));
-  using Rows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  Eigen::Map<Rows>(last.weights.data(), 2 * n, width) +=
+  using RowMajor = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  Eigen::Map<RowMajor>(last.weights.data(), 2 * n, width) +=
       change.topRows(width).transpose().cast<float>();
   Eigen::Map<Eigen::VectorXf>(last.bias.data(), 2 * n) +=
       (constant * change.row(width)).transpose().cast<float>();

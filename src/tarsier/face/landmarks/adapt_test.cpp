@@ -19,7 +19,7 @@ namespace {
 // One person's disks differ from those of all others. The drawn disks follow the shape; the
 // annotation is moved by a pattern of that person.
 std::vector<TrainingFace> person_faces(int count, std::uint64_t seed) {
-  std::vector<TrainingFace> faces = testing::blob_faces(count, seed);
+  std::vector<TrainingFace> faces = test_support::blob_faces(count, seed);
   for (TrainingFace& face : faces) {
     const double size = shape_size(face.points);
     face.points.col(4).y() += 0.15 * size;
@@ -47,7 +47,7 @@ double error_of(const LandmarkModel& model, FitMethod method,
 class AdaptTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
-    const std::vector<TrainingFace> faces = testing::blob_faces(60, 3);
+    const std::vector<TrainingFace> faces = test_support::blob_faces(60, 3);
     std::vector<Eigen::Matrix2Xd> shapes;
     for (const TrainingFace& face : faces) shapes.push_back(face.points);
     base_.shape = shape::train_shape_model(shapes);

@@ -35,7 +35,7 @@ double mean_error(const Eigen::Matrix2Xd& points, const TrainingFace& face) {
 class DescentTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
-    faces_ = new std::vector<TrainingFace>(testing::blob_faces(60, 3));
+    faces_ = new std::vector<TrainingFace>(test_support::blob_faces(60, 3));
     model_ = new Descent(trained(*faces_));
   }
   static void TearDownTestSuite() {
@@ -49,7 +49,7 @@ std::vector<TrainingFace>* DescentTest::faces_ = nullptr;
 Descent* DescentTest::model_ = nullptr;
 
 TEST_F(DescentTest, FitsUnseenFaces) {
-  const std::vector<TrainingFace> unseen = testing::blob_faces(20, 99);
+  const std::vector<TrainingFace> unseen = test_support::blob_faces(20, 99);
   DescentWorkspace workspace;
   double before = 0;
   double after = 0;
@@ -137,7 +137,7 @@ TEST_F(DescentTest, QualitySeparatesGoodFromBadFits) {
   }
   NoProgress silent;
   const Quality quality = train_quality(*faces_, fits, QualityOptions{}, silent, {});
-  const std::vector<TrainingFace> unseen = testing::blob_faces(10, 50);
+  const std::vector<TrainingFace> unseen = test_support::blob_faces(10, 50);
   DescentWorkspace workspace;
   for (const TrainingFace& face : unseen) {
     const double right = quality_of(quality, face.gray, face.points, workspace);
@@ -155,7 +155,7 @@ TEST(MirrorShift, MeasuresOffsetOfOneBasedPixels) {
   const std::vector<int> mirror{2, 1, 0, 5, 4, 3, 8, 7, 6};
   std::vector<TrainingFace> faces;
   for (int i = 0; i < 80; ++i) {
-    TrainingFace face = testing::blob_face(rng);
+    TrainingFace face = test_support::blob_face(rng);
     TrainingFace turned;
     cv::flip(face.gray, turned.gray, 1);
     face.points.row(0).array() += 1.0;

@@ -19,7 +19,7 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-struct Sample {
+struct ReducedStart {
   int face = 0;
   Eigen::Matrix2Xd points;  // px of the reduced face
 };
@@ -47,10 +47,10 @@ void move(Eigen::Matrix2Xd& points, const Eigen::Matrix2Xd& mean, const float* s
 // Half the difference between the mean x errors of unmirrored and mirrored faces.
 double shift_of_mirrored(const std::vector<TrainingFace>& faces,
                          const std::vector<ReducedFace>& reduced,
-                         const std::vector<Sample>& samples) {
+                         const std::vector<ReducedStart>& samples) {
   double sums[2] = {};
   int counts[2] = {};
-  for (const Sample& sample : samples) {
+  for (const ReducedStart& sample : samples) {
     const auto f = static_cast<std::size_t>(sample.face);
     const ReducedFace& face = reduced[f];
     const int kind = faces[f].mirrored ? 1 : 0;
@@ -136,7 +136,7 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
     fold_of[f] = f > 0 && (faces[f].mirrored || faces[f].turned) ? fold_of[f - 1]
                                                                  : rng.integer(0, folds - 1);
   }
-  std::vector<Sample> samples;
+  std::vector<ReducedStart> samples;
   std::vector<int> begin(static_cast<std::size_t>(folds) + 1, 0);
   for (int fold = 0; fold < folds; ++fold) {
     for (const Start& start : starts) {
@@ -159,7 +159,7 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
     {
       std::vector<const cv::Mat*> images;
       std::vector<Eigen::Matrix2Xd> points;
-      for (const Sample& sample : samples) {
+      for (const ReducedStart& sample : samples) {
         images.push_back(&reduced[static_cast<std::size_t>(sample.face)].gray);
         points.push_back(sample.points);
       }
@@ -179,7 +179,7 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
       DescentWorkspace workspace;
       for (int i = range.start; i < range.end && !stopped; ++i) {
         if (stop.stop_requested()) stopped = true;
-        const Sample& sample = samples[static_cast<std::size_t>(i)];
+        const ReducedStart& sample = samples[static_cast<std::size_t>(i)];
         const ReducedFace& face = reduced[static_cast<std::size_t>(sample.face)];
         stage_features(stage, model.mean, face.gray, sample.points, workspace, features.row(i));
         features.row(i)[features.columns - 1] = 1;
@@ -233,7 +233,7 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
     cv::parallel_for_(cv::Range(0, count), [&](const cv::Range& range) {
       Eigen::VectorXf step(2 * n);
       for (int i = range.start; i < range.end; ++i) {
-        Sample& sample = samples[static_cast<std::size_t>(i)];
+        ReducedStart& sample = samples[static_cast<std::size_t>(i)];
         const auto fold = static_cast<std::size_t>(fold_of[static_cast<std::size_t>(sample.face)]);
         const Eigen::Map<const Eigen::VectorXf> row(features.row(i), features.columns);
         step.noalias() = solutions[fold].transpose() * row;

@@ -10,7 +10,7 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr double kMinIou = 0.4;
+constexpr double kMinMatchIou = 0.4;
 
 cv::Point2d center_of(const cv::Rect2d& box) {
   return {box.x + box.width / 2, box.y + box.height / 2};
@@ -32,7 +32,7 @@ void DetectionEvaluator::add(const LandmarkModel& model, const FaceFinder& finde
     const cv::Rect2d box(center.x() + 0.5 - side / 2, center.y() + 0.5 - side / 2, side, side);
     bool is_right = false;
     for (std::size_t k = 0; k < truth.boxes.size() && !is_right; ++k) {
-      if (is_found[k] || iou(box, truth.boxes[k]) < kMinIou) continue;
+      if (is_found[k] || iou(box, truth.boxes[k]) < kMinMatchIou) continue;
       is_found[k] = true;
       is_right = true;
       ++sum_.found;

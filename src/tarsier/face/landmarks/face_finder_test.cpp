@@ -198,7 +198,7 @@ TEST(FaceFinder, TilesTogetherFindAllFaces) {
 
 // A model that accepts every fit.
 LandmarkModel trusting_model() {
-  const std::vector<TrainingFace> faces = testing::blob_faces(20, 3);
+  const std::vector<TrainingFace> faces = test_support::blob_faces(20, 3);
   std::vector<Eigen::Matrix2Xd> shapes;
   for (const TrainingFace& face : faces) shapes.push_back(face.points);
   LandmarkModel model;

@@ -18,8 +18,8 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr const char* kType = "face-detector";
-constexpr int kVersion = 1;
+constexpr const char* kHogDetectorType = "face-detector";
+constexpr int kHogDetectorVersion = 1;
 constexpr int kMinWindow = 16;
 constexpr int kMaxWindow = 400;
 constexpr double kMaxEnlarged = 4;
@@ -141,12 +141,13 @@ void list_hog_detector(linalg::ModelFields& file, HogDetector& model) {
 void write_hog_detector(const std::string& path, const HogDetector& detector,
                         const nlohmann::json& provenance) {
   detector.check();
-  write_archive(path, {kType, kVersion, provenance, linalg::written(detector, list_hog_detector)});
+  write_archive(path, {kHogDetectorType, kHogDetectorVersion, provenance,
+                       linalg::written(detector, list_hog_detector)});
 }
 
 HogDetector read_hog_detector(const std::string& path) {
-  return linalg::read_fields<HogDetector>(read_archive(path, kType, kVersion).payload, path,
-                                          list_hog_detector);
+  return linalg::read_fields<HogDetector>(
+      read_archive(path, kHogDetectorType, kHogDetectorVersion).payload, path, list_hog_detector);
 }
 
 cv::Mat draw_hog_detector(const HogDetector& detector, int zoom) {

@@ -7,7 +7,6 @@
 
 #include <dlib/image_processing/object_detector.h>
 #include <dlib/image_processing/scan_fhog_pyramid.h>
-#include <dlib/opencv/cv_image.h>
 #include <stop_token>
 
 // Access to dlib for the .cpp files of this module only.
@@ -19,10 +18,7 @@ using HogScannerBase = dlib::scan_fhog_pyramid<HogPyramid>;
 // dlib's scanner for images of OpenCV. After a stop request it loads no more images.
 class HogScanner : public HogScannerBase {
  public:
-  void load(const cv::Mat& gray) {
-    if (stop_.stop_requested()) return;
-    HogScannerBase::load(dlib::cv_image<unsigned char>(gray));
-  }
+  void load(const cv::Mat& gray);
   void copy_configuration(const HogScanner& other) {
     HogScannerBase::copy_configuration(other);
     stop_ = other.stop_;

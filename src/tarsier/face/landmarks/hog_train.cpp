@@ -3,18 +3,15 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/face/landmarks/hog_problem.h"
 #include "tarsier/face/landmarks/hog_scanner.h"
 #include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
-#include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <dlib/optimization/optimization_oca.h>
-#include <dlib/svm/structural_svm_object_detection_problem.h>
 
 namespace tarsier::face::landmarks {
 
@@ -26,7 +23,6 @@ constexpr double kMaxStartSize = 1.5;      // windows; max size of the smallest 
 constexpr double kMinSize = 0.85;          // of the window; smaller objects cannot be detected
 constexpr double kMinInsideShare = 0.6;    // min share of a box inside its image
 constexpr double kDuplicateOverlap = 0.5;  // overlap of two boxes that are the same object
-constexpr double kMinMatchOverlap = 0.5;   // overlap of a box with the best position of the window
 constexpr std::size_t kMaxBoxModelImages =
     400;  // max number of images for the relation of boxes to shapes
 
@@ -89,7 +85,7 @@ Image prepared(const shape::BoxedImage& image, const cv::Mat& gray, double scale
                     [&](const cv::Rect2d& other) { return iou(box, other) > kDuplicateOverlap; });
     if (std::sqrt(box.area()) < kMinSize * options.window || is_double ||
         (box & whole).area() < kMinInsideShare * box.area() ||
-        iou(box, best) <= kMinMatchOverlap + 0.02) {
+        iou(box, best) <= inner::kMinMatchOverlap + 0.02) {
       to.ignored.push_back(box);
       ++result.ignored;
       continue;
@@ -117,57 +113,6 @@ Image mirrored(const Image& image) {
   for (const cv::Rect2d& box : image.ignored) to.ignored.push_back(turned(box));
   return to;
 }
-
-using Objects = std::vector<std::vector<dlib::full_object_detection>>;
-using Ignored = std::vector<std::vector<dlib::rectangle>>;
-
-// dlib's problem, but with a summation order that does not depend on the number of threads, and
-// with a stop check between images.
-class Problem final
-    : public dlib::structural_svm_object_detection_problem<HogScanner, std::vector<cv::Mat>> {
- public:
-  Problem(const HogScanner& scanner, const std::vector<cv::Mat>& all, const Objects& objects,
-          const Ignored& left_out, Progress& progress, const std::stop_token& stop)
-      : structural_svm_object_detection_problem(
-            scanner, dlib::test_box_overlap(), true, all, objects, left_out,
-            dlib::test_box_overlap(0.4, 0.7),
-            static_cast<unsigned long>(std::max(1, cv::getNumThreads()))),
-        count_(static_cast<long>(all.size())),
-        progress_(progress),
-        stop_(stop) {}
-
-  [[nodiscard]] int rounds() const { return rounds_; }
-
- private:
-  void call_separation_oracle_on_all_samples(const matrix_type& weights, matrix_type& subgradient,
-                                             scalar_type& total_loss) const override {
-    constexpr long kBlock = 64;
-    std::vector<scalar_type> losses(kBlock);
-    std::vector<feature_vector_type> features(kBlock);
-    for (long first = 0; first < count_; first += kBlock) {
-      const long end = std::min(count_, first + kBlock);
-      cv::parallel_for_(cv::Range(0, static_cast<int>(end - first)), [&](const cv::Range& range) {
-        for (int k = range.start; k < range.end && !stop_.stop_requested(); ++k) {
-          const auto index = static_cast<std::size_t>(k);
-          separation_oracle_cached(first + k, weights, losses[index], features[index]);
-        }
-      });
-      throw_if_stopped(stop_);
-      for (long i = first; i < end; ++i) {
-        const auto index = static_cast<std::size_t>(i - first);
-        total_loss += losses[index];
-        subgradient += features[index];
-      }
-    }
-    ++rounds_;
-    progress_.advance();
-  }
-
-  long count_;
-  Progress& progress_;
-  std::stop_token stop_;
-  mutable int rounds_ = 0;
-};
 
 void set_weights(const dlib::matrix<double, 0, 1>& weights, HogDetector& detector) {
   const cv::Size cells = detector.cells();
@@ -263,8 +208,8 @@ HogTraining train_hog_detector(const std::vector<shape::BoxedImage>& images,
   }
 
   std::vector<cv::Mat> grays;
-  Objects objects;
-  Ignored ignored;
+  inner::DlibObjects objects;
+  inner::DlibIgnored ignored;
   const auto add = [&](const Image& image) {
     grays.push_back(image.gray);
     objects.emplace_back();
@@ -277,23 +222,14 @@ HogTraining train_hog_detector(const std::vector<shape::BoxedImage>& images,
     if (options.mirror) add(mirrored(image));
   }
   progress.begin("training", 0, "rounds");
-  try {
-    Problem problem(scanner, grays, objects, ignored, progress, stop);
-    throw_if_stopped(stop);
-    problem.set_c(options.c);
-    problem.set_epsilon(options.epsilon);
-    problem.set_max_iterations(static_cast<unsigned long>(options.rounds));
-    problem.set_match_eps(kMinMatchOverlap);
-    dlib::matrix<double, 0, 1> weights;
-    const dlib::oca solver;
-    solver(static_cast<const dlib::oca_problem<dlib::matrix<double, 0, 1>>&>(problem), weights);
-    set_weights(weights, detector);
-    detector.overlap = problem.get_overlap_tester().get_iou_thresh();
-    detector.covered = problem.get_overlap_tester().get_percent_covered_thresh();
-    result.rounds = problem.rounds();
-  } catch (const dlib::impossible_labeling_error&) {
+  const auto solution =
+      inner::solve_detection_problem(scanner, grays, objects, ignored, options, progress, stop);
+  if (!solution)
     throw InputError(set_path, "its boxes contradict each other: some lie on each other");
-  }
+  set_weights(solution->weights, detector);
+  detector.overlap = solution->overlap;
+  detector.covered = solution->covered;
+  result.rounds = solution->rounds;
   progress.end();
   detector.check();
   evaluate_on_training_images(prepared_images, result, progress, stop);

@@ -16,7 +16,7 @@ namespace {
 constexpr double kMinAnchorShare = 0.08;
 // Joint score of all detectors: confident from here on; below the second value not, whatever the
 // networks' score.
-constexpr double kMinConfidentScore = 0.3;
+constexpr double kMinJointScore = 0.3;
 constexpr double kMaxUnlikelyScore = 0.15;
 // A candidate that only the anchors detect needs at least this score.
 constexpr double kMinAnchorScore = 0.02;
@@ -79,7 +79,7 @@ void rescore_by_anchors(std::vector<MergedCandidate>& merged, bool all_views, do
     const bool large = one.candidate.box.width >= kMinAnchorShare * longer_side;
     if (best == 0 && !large) continue;
     one.candidate.score = joint_score(one.detector_score, one.anchor_scores);
-    if (one.candidate.score >= kMinConfidentScore) one.candidate.confident = true;
+    if (one.candidate.score >= kMinJointScore) one.candidate.confident = true;
     if (one.candidate.score < kMaxUnlikelyScore && large) one.candidate.confident = false;
   }
   const std::vector<MergedCandidate> before = merged;

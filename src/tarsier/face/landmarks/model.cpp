@@ -20,12 +20,12 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr NameTable<FitMethod, 5> kMethods{"method",
-                                           {{{FitMethod::kMean, "mean"},
-                                             {FitMethod::kTrees, "trees"},
-                                             {FitMethod::kDescent, "sdm"},
-                                             {FitMethod::kNetwork, "cnn"},
-                                             {FitMethod::kPatches, "patch"}}}};
+constexpr NameTable<FitMethod, 5> kFitMethods{"method",
+                                              {{{FitMethod::kMean, "mean"},
+                                                {FitMethod::kTrees, "trees"},
+                                                {FitMethod::kDescent, "sdm"},
+                                                {FitMethod::kNetwork, "cnn"},
+                                                {FitMethod::kPatches, "patch"}}}};
 
 // Error of the network, in sizes of the shape. The error of trees and descent is estimated by their
 // distance d (in sizes). Weights by inverse variance give the network the share d^2 / (d^2 +
@@ -87,9 +87,9 @@ void show_points(DebugSink* debug, std::string_view name, const LandmarkModel& m
 
 }  // namespace
 
-std::string_view name_of(FitMethod method) { return kMethods.name(method); }
+std::string_view name_of(FitMethod method) { return kFitMethods.name(method); }
 
-FitMethod parse_fit_method(std::string_view name) { return kMethods.parse(name); }
+FitMethod parse_fit_method(std::string_view name) { return kFitMethods.parse(name); }
 
 bool LandmarkModel::has(FitMethod method) const {
   switch (method) {

@@ -8,8 +8,8 @@ namespace tarsier::face::landmarks {
 
 namespace {
 
-constexpr const char* kType = "landmark-tracker";
-constexpr int kVersion = 1;
+constexpr const char* kLandmarkModelType = "landmark-tracker";
+constexpr int kLandmarkModelVersion = 1;
 
 void list_model(linalg::ModelFields& file, LandmarkModel& model) {
   file.item("shape", model.shape, shape::shape_model_from_json);
@@ -35,16 +35,17 @@ void list_model(linalg::ModelFields& file, LandmarkModel& model) {
 void write_landmark_model(const std::string& path, const LandmarkModel& model,
                           const nlohmann::json& provenance) {
   model.check();
-  write_archive(path, {kType, kVersion, provenance, linalg::written(model, list_model)});
+  write_archive(path, {kLandmarkModelType, kLandmarkModelVersion, provenance,
+                       linalg::written(model, list_model)});
 }
 
 LandmarkModel read_landmark_model(const std::string& path) {
-  return linalg::read_checked<LandmarkModel>(read_archive(path, kType, kVersion).payload, path,
-                                             list_model);
+  return linalg::read_checked<LandmarkModel>(
+      read_archive(path, kLandmarkModelType, kLandmarkModelVersion).payload, path, list_model);
 }
 
 nlohmann::json landmark_model_provenance(const std::string& path) {
-  return read_archive(path, kType, kVersion).provenance;
+  return read_archive(path, kLandmarkModelType, kLandmarkModelVersion).provenance;
 }
 
 }  // namespace tarsier::face::landmarks

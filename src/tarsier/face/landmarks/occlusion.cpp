@@ -13,14 +13,15 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-constexpr int kShift = 4;  // fractional bits of the coordinates of cv::fillPoly
+constexpr int kFractionBits = 4;  // of the coordinates of cv::fillPoly
 
 void fill(cv::Mat& mask, const std::vector<Eigen::Vector2d>& outline) {
   std::vector<cv::Point> corners;
   for (const Eigen::Vector2d& p : outline)
-    corners.emplace_back(cvRound(p.x() * (1 << kShift)), cvRound(p.y() * (1 << kShift)));
+    corners.emplace_back(cvRound(p.x() * (1 << kFractionBits)),
+                         cvRound(p.y() * (1 << kFractionBits)));
   cv::fillPoly(mask, std::vector<std::vector<cv::Point>>{corners}, cv::Scalar(255), cv::LINE_AA,
-               kShift);
+               kFractionBits);
 }
 
 // Mask of the occlusion, 0..255, around `center`; `reach` px is half its size.

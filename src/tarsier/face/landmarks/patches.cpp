@@ -24,7 +24,7 @@ constexpr int kMaxPatchSide = 51;  // as in PatchOptions::fields()
 // Last step, relative to the first one.
 constexpr double kLastStep = 1e-3;
 
-using Rows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+using PatchRows = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 // A face from which windows are cut.
 struct Source {
@@ -83,7 +83,7 @@ void cut_window(const Source& source, Eigen::Index point, int side, float* out) 
 }
 
 // One row per position of a patch in the window: mean 0, norm 1 (0 if flat).
-void normalised_patches(const float* window, int side, int patch, Rows& rows) {
+void normalised_patches(const float* window, int side, int patch, PatchRows& rows) {
   const int positions = side - patch + 1;
   Eigen::Index row = 0;
   for (int y = 0; y < positions; ++y) {
@@ -100,7 +100,7 @@ void normalised_patches(const float* window, int side, int patch, Rows& rows) {
 }
 
 // The training data of one point.
-struct Trainer {
+struct PatchTrainer {
   const std::vector<Source>& sources;
   const PatchOptions& options;
   Eigen::VectorXf desired;
@@ -119,11 +119,11 @@ struct Trainer {
   [[nodiscard]] Eigen::VectorXd average(Eigen::Index point) const;
 };
 
-Eigen::VectorXd Trainer::stochastic(Eigen::Index point) const {
+Eigen::VectorXd PatchTrainer::stochastic(Eigen::Index point) const {
   Rng rng = Rng(options.seed).fork(static_cast<std::uint64_t>(point));
   std::vector<float> window_values(static_cast<std::size_t>(window()) *
                                    static_cast<std::size_t>(window()));
-  Rows rows(positions(), taps());
+  PatchRows rows(positions(), taps());
   Eigen::VectorXf patch = Eigen::VectorXf::Zero(taps());
   // Rows have norm 1, so no eigenvalue of their squares exceeds the number of rows. Steps up to 1 /
   // positions therefore cannot diverge.
@@ -143,10 +143,10 @@ Eigen::VectorXd Trainer::stochastic(Eigen::Index point) const {
   return patch.cast<double>();
 }
 
-Eigen::VectorXd Trainer::ridge(Eigen::Index point) const {
+Eigen::VectorXd PatchTrainer::ridge(Eigen::Index point) const {
   std::vector<float> window_values(static_cast<std::size_t>(window()) *
                                    static_cast<std::size_t>(window()));
-  Rows rows(positions(), taps());
+  PatchRows rows(positions(), taps());
   Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(taps(), taps());
   Eigen::VectorXd right = Eigen::VectorXd::Zero(taps());
   Eigen::MatrixXf part(taps(), taps());
@@ -165,9 +165,9 @@ Eigen::VectorXd Trainer::ridge(Eigen::Index point) const {
   return linalg::solve_symmetric(normal, right);
 }
 
-Eigen::VectorXd Trainer::average(Eigen::Index point) const {
+Eigen::VectorXd PatchTrainer::average(Eigen::Index point) const {
   std::vector<float> window_values(static_cast<std::size_t>(taps()));
-  Rows row(1, taps());
+  PatchRows row(1, taps());
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(taps());
   for (const Source& source : sources) {
     if (stop.stop_requested()) break;
@@ -274,7 +274,7 @@ PatchModels train_patches(const std::vector<TrainingFace>& faces, const shape::S
     sources[k] = source_of(faces[k], model.reference, options.patch + options.search);
   });
 
-  const Trainer trainer{sources, options, desired_response(options), stop};
+  const PatchTrainer trainer{sources, options, desired_response(options), stop};
   progress.begin("patches", shape.points(), "points");
   in_parallel(shape.points(), stop, [&](int i) {
     Eigen::VectorXd patch;

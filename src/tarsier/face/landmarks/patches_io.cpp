@@ -9,18 +9,18 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-constexpr NameTable<PatchMethod, 3> kMethods{"method",
-                                             {{{PatchMethod::kStochastic, "stochastic"},
-                                               {PatchMethod::kRidge, "ridge"},
-                                               {PatchMethod::kAverage, "average"}}}};
+constexpr NameTable<PatchMethod, 3> kPatchMethods{"method",
+                                                  {{{PatchMethod::kStochastic, "stochastic"},
+                                                    {PatchMethod::kRidge, "ridge"},
+                                                    {PatchMethod::kAverage, "average"}}}};
 
-constexpr std::int64_t kMaxPoints = 10'000;
+constexpr std::int64_t kMaxPatches = 10'000;
 
 void list_patches(linalg::ModelFields& file, PatchModels& model) {
-  file.named("method", model.method, kMethods);
+  file.named("method", model.method, kPatchMethods);
   file.points("reference", model.reference, -1);
   const std::int64_t n = model.reference.cols();
-  file.require(n >= 1 && n <= kMaxPoints, "reference: {} points, not 1..{}", n, kMaxPoints);
+  file.require(n >= 1 && n <= kMaxPatches, "reference: {} points, not 1..{}", n, kMaxPatches);
   PackedArray<float> patches;
   if (!file.reads()) patches.shape = {n, model.side(), model.side()};
   for (const cv::Mat& patch : model.patches)

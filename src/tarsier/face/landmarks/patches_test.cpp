@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/core/testing_long.h"
+#include "tarsier/face/landmarks/testing_distance.h"
 #include "tarsier/media/archive.h"
 
 #include <gmock/gmock.h>
@@ -24,6 +25,7 @@ namespace tarsier::face::landmarks {
 namespace {
 
 using shape::Similarity2d;
+using test_support::mean_distance;
 
 // A synthetic image whose value is known at every point: a sum of waves in the face's frame. Image
 // and points are symmetric under a rotation by 180 degrees. So the error that the background causes
@@ -129,8 +131,8 @@ struct Trained {
   PatchModels patches;
 };
 
-PatchModels train(const std::vector<TrainingFace>& faces, const shape::ShapeModel& shape,
-                  const PatchOptions& options) {
+PatchModels trained_patches(const std::vector<TrainingFace>& faces, const shape::ShapeModel& shape,
+                            const PatchOptions& options) {
   NoProgress progress;
   return train_patches(faces, shape, options, progress, {});
 }
@@ -150,7 +152,7 @@ Trained train_textured(PatchMethod method, double scale) {
   const Texture texture(rng.fork(1));
   for (int k = 0; k < 20; ++k) out.faces.push_back(textured_face(rng, texture, scale));
   out.shape = shape_of_faces(out.faces);
-  out.patches = train(out.faces, out.shape, small_options(method));
+  out.patches = trained_patches(out.faces, out.shape, small_options(method));
   return out;
 }
 
@@ -161,7 +163,7 @@ Trained train_blobs(PatchMethod method) {
   out.shape = shape_of_faces(out.faces);
   PatchOptions options = small_options(method);
   options.search = 21;
-  out.patches = train(out.faces, out.shape, options);
+  out.patches = trained_patches(out.faces, out.shape, options);
   return out;
 }
 
@@ -178,10 +180,6 @@ const Trained& blobs(PatchMethod method = PatchMethod::kRidge) {
   const auto [entry, fresh] = known.try_emplace(method);
   if (fresh) entry->second = train_blobs(method);
   return entry->second;
-}
-
-double mean_distance(const Eigen::Matrix2Xd& a, const Eigen::Matrix2Xd& b) {
-  return (a - b).colwise().norm().mean();
 }
 
 // Subpixel peak, by parabolas through the maximum.
@@ -442,15 +440,15 @@ TEST(PatchTraining, CanBeInterruptedAndRejectsInvalidInput) {
   stop.request_stop();
   EXPECT_THROW((void)train_patches(faces, shape, small_options(), progress, stop.get_token()),
                Interrupted);
-  EXPECT_THROW((void)train({}, shape, small_options()), std::invalid_argument);
+  EXPECT_THROW((void)trained_patches({}, shape, small_options()), std::invalid_argument);
   PatchOptions options = small_options();
   options.patch = 10;
-  EXPECT_THROW((void)train(faces, shape, options), std::invalid_argument);
+  EXPECT_THROW((void)trained_patches(faces, shape, options), std::invalid_argument);
   options = small_options();
   options.face_width = 20;
-  EXPECT_THROW((void)train(faces, shape, options), std::invalid_argument);
+  EXPECT_THROW((void)trained_patches(faces, shape, options), std::invalid_argument);
   faces[2].points(0, 3) = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THROW((void)train(faces, shape, small_options()), std::invalid_argument);
+  EXPECT_THROW((void)trained_patches(faces, shape, small_options()), std::invalid_argument);
 }
 
 TEST(PatchFile, JsonRoundTrip) {

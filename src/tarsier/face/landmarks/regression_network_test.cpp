@@ -5,6 +5,7 @@
 #include "tarsier/core/testing_long.h"
 #include "tarsier/face/landmarks/model.h"
 #include "tarsier/face/landmarks/testing_blobs.h"
+#include "tarsier/face/landmarks/testing_distance.h"
 #include "tarsier/face/landmarks/train_model.h"
 
 #include <gtest/gtest.h>
@@ -15,21 +16,19 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-RegressionNetwork train(const std::vector<TrainingFace>& faces, int steps) {
+using test_support::mean_distance;
+
+RegressionNetwork trained_network(const std::vector<TrainingFace>& faces, int steps) {
   RegressionNetworkOptions options;
   options.steps = steps;
   NoProgress silent;
   return train_regression_network(faces, options, silent, {});
 }
 
-double mean_distance(const Eigen::Matrix2Xd& a, const Eigen::Matrix2Xd& b) {
-  return (a - b).colwise().norm().mean();
-}
-
 TEST(RegressionNetwork, FitsUnseenFaces) {
   TARSIER_LONG_TEST();
-  const RegressionNetwork model = train(testing::blob_faces(40, 7), 90);
-  const std::vector<TrainingFace> others = testing::blob_faces(20, 99);
+  const RegressionNetwork model = trained_network(test_support::blob_faces(40, 7), 90);
+  const std::vector<TrainingFace> others = test_support::blob_faces(20, 99);
   const std::vector<Start> starts = scattered_starts(others, model.mean, 1, 2);
   RegressionNetworkWorkspace workspace;
   double before = 0;
@@ -44,8 +43,8 @@ TEST(RegressionNetwork, FitsUnseenFaces) {
 
 // The result depends on the position of the start, not on its shape.
 TEST(RegressionNetwork, UsesOnlyTheSimilarityOfTheStart) {
-  const std::vector<TrainingFace> faces = testing::blob_faces(6, 3);
-  const RegressionNetwork model = train(faces, 2);
+  const std::vector<TrainingFace> faces = test_support::blob_faces(6, 3);
+  const RegressionNetwork model = trained_network(faces, 2);
   RegressionNetworkWorkspace workspace;
   const shape::Similarity2d similarity = shape::fit_similarity(model.mean, faces[0].points);
   const Eigen::Matrix2Xd a = fit_network(model, faces[0].gray, faces[0].points, workspace);
@@ -54,19 +53,19 @@ TEST(RegressionNetwork, UsesOnlyTheSimilarityOfTheStart) {
 }
 
 TEST(RegressionNetwork, IsTheSameForAnyNumberOfThreads) {
-  const std::vector<TrainingFace> faces = testing::blob_faces(6, 3);
+  const std::vector<TrainingFace> faces = test_support::blob_faces(6, 3);
   const int before = cv::getNumThreads();
   cv::setNumThreads(1);
-  const nlohmann::json one = to_json(train(faces, 3));
+  const nlohmann::json one = to_json(trained_network(faces, 3));
   cv::setNumThreads(4);
-  const nlohmann::json four = to_json(train(faces, 3));
+  const nlohmann::json four = to_json(trained_network(faces, 3));
   cv::setNumThreads(before);
   EXPECT_EQ(one, four);
 }
 
 TEST(RegressionNetwork, JsonRoundTrip) {
-  const std::vector<TrainingFace> faces = testing::blob_faces(6, 3);
-  const RegressionNetwork model = train(faces, 2);
+  const std::vector<TrainingFace> faces = test_support::blob_faces(6, 3);
+  const RegressionNetwork model = trained_network(faces, 2);
   const nlohmann::json written = to_json(model);
   const RegressionNetwork read = regression_network_from_json(written, "file");
   RegressionNetworkWorkspace workspace;
@@ -79,9 +78,9 @@ TEST(RegressionNetwork, JsonRoundTrip) {
 }
 
 TEST(RegressionNetwork, RejectsInvalidInput) {
-  const std::vector<TrainingFace> faces = testing::blob_faces(6, 3);
-  EXPECT_THROW((void)train({faces.front()}, 2), std::invalid_argument);
-  const RegressionNetwork model = train(faces, 2);
+  const std::vector<TrainingFace> faces = test_support::blob_faces(6, 3);
+  EXPECT_THROW((void)trained_network({faces.front()}, 2), std::invalid_argument);
+  const RegressionNetwork model = trained_network(faces, 2);
   RegressionNetworkWorkspace workspace;
   const Eigen::Matrix2Xd few = faces[0].points.leftCols(4);
   EXPECT_THROW((void)fit_network(model, faces[0].gray, few, workspace), std::invalid_argument);
@@ -92,7 +91,7 @@ TEST(RegressionNetwork, RejectsInvalidInput) {
 
 // The mean of all parts moves towards the network, more if trees and descent disagree more.
 TEST(RegressionNetwork, IsIncludedInTheMeanOfTheMethods) {
-  const std::vector<TrainingFace> faces = testing::blob_faces(20, 5);
+  const std::vector<TrainingFace> faces = test_support::blob_faces(20, 5);
   LandmarkModel model;
   NoProgress silent;
   std::vector<Eigen::Matrix2Xd> shapes;
@@ -109,7 +108,7 @@ TEST(RegressionNetwork, IsIncludedInTheMeanOfTheMethods) {
   FitWorkspace workspace;
   const Eigen::Matrix2Xd& start = starts[0].points;
   const Eigen::Matrix2Xd without = fit_points(model, {}, faces[0].gray, start, workspace).points;
-  model.network = train(faces, 2);
+  model.network = trained_network(faces, 2);
   const Eigen::Matrix2Xd with = fit_points(model, {}, faces[0].gray, start, workspace).points;
   const Eigen::Matrix2Xd alone =
       fit_network(*model.network, faces[0].gray, without, workspace.network);

@@ -17,13 +17,13 @@ namespace {
 
 constexpr double kRounding = 0.004;  // rounds the loss near 0, shares of the shape's size
 // Offsets of starts from the face, standard deviations at a spread of 1; spreads are uniform.
-constexpr double kShift = 0.08;     // shares of the size
-constexpr double kScale = 0.08;     // of the logarithm
-constexpr double kRotation = 0.15;  // radians
+constexpr double kSpreadShift = 0.08;     // shares of the size
+constexpr double kSpreadScale = 0.08;     // of the logarithm
+constexpr double kSpreadRotation = 0.15;  // radians
 constexpr double kMinSpread = 0.1;
 constexpr double kMaxSpread = 1.2;
 
-linalg::Network untrained(int points) {
+linalg::Network untrained_regression_network(int points) {
   linalg::Network network;
   const auto add = [&](int in, int out, int kernel, int stride) -> linalg::Layer& {
     linalg::Layer layer = linalg::convolution(in, out, kernel, kernel);
@@ -66,10 +66,10 @@ Eigen::Matrix2Xd scattered_start(const Eigen::Matrix2Xd& mean, const TrainingFac
   const double spread = rng.uniform(kMinSpread, kMaxSpread);
   const Eigen::Vector2d center = face.points.rowwise().mean();
   const double size = shape_size(face.points);
-  const double turn = rng.normal(0, kRotation * spread);
-  const double scale = size * std::exp(rng.normal(0, kScale * spread));
-  const double across = rng.normal(0, kShift * spread);
-  const double down = rng.normal(0, kShift * spread);
+  const double turn = rng.normal(0, kSpreadRotation * spread);
+  const double scale = size * std::exp(rng.normal(0, kSpreadScale * spread));
+  const double across = rng.normal(0, kSpreadShift * spread);
+  const double down = rng.normal(0, kSpreadShift * spread);
   const double angle = shape::fit_similarity(mean, face.points).angle() + turn;
   const shape::Similarity2d similarity{scale * std::cos(angle), scale * std::sin(angle),
                                        center.x() + size * across, center.y() + size * down};
@@ -134,7 +134,7 @@ RegressionNetwork train_regression_network(const std::vector<TrainingFace>& face
   }
   RegressionNetwork model;
   model.mean = mean_shape(faces);
-  model.network = untrained(model.points());
+  model.network = untrained_regression_network(model.points());
   Rng rng = Rng(options.seed).fork(5);
   linalg::initialize(model.network, rng);
   linalg::TrainOptions training;

@@ -9,7 +9,7 @@
 #include <cmath>
 #include <vector>
 
-namespace tarsier::face::landmarks::testing {
+namespace tarsier::face::landmarks::test_support {
 
 // A synthetic "face" of bright disks of different sizes on a dim gradient, at known positions: nine
 // disks whose spacing varies by one mode. It is mirror-symmetric.
@@ -57,4 +57,4 @@ inline std::vector<TrainingFace> blob_faces(int count, std::uint64_t seed) {
   return faces;
 }
 
-}  // namespace tarsier::face::landmarks::testing
+}  // namespace tarsier::face::landmarks::test_support

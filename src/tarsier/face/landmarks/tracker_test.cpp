@@ -19,7 +19,7 @@ namespace {
 // A model of blobs with descent and quality, trained once.
 const LandmarkModel& blob_model() {
   static const LandmarkModel model = [] {
-    const std::vector<TrainingFace> faces = testing::blob_faces(60, 3);
+    const std::vector<TrainingFace> faces = test_support::blob_faces(60, 3);
     std::vector<Eigen::Matrix2Xd> shapes;
     for (const TrainingFace& face : faces) shapes.push_back(face.points);
     LandmarkModel result;
@@ -76,8 +76,8 @@ std::vector<FittedFace> found_by_box(const LandmarkModel& model, const cv::Mat& 
 TEST(FindFaces, ShiftedBoxIsEnoughForAConfidentDetection) {
   Rng rng(3);
   const Eigen::Matrix2Xd truth =
-      (testing::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(150, 90);
-  const cv::Mat gray = testing::draw_blobs(truth, 28, {320, 180}, rng);
+      (test_support::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(150, 90);
+  const cv::Mat gray = test_support::draw_blobs(truth, 28, {320, 180}, rng);
   for (const double shift : {0.0, 30.0, -30.0}) {
     const std::vector<FittedFace> faces = found_by_box(blob_model(), gray, truth, shift, 0.9);
     ASSERT_EQ(faces.size(), 1U) << shift;
@@ -91,7 +91,7 @@ TEST(FindFaces, ShiftedBoxIsEnoughForAConfidentDetection) {
 
 TEST(FindFaces, RejectsConfidentDetectionWithBadFit) {
   const Eigen::Matrix2Xd somewhere =
-      (testing::blob_shape(0) * 28).colwise() + Eigen::Vector2d(150, 90);
+      (test_support::blob_shape(0) * 28).colwise() + Eigen::Vector2d(150, 90);
   const cv::Mat nothing(180, 320, CV_8UC1, cv::Scalar(70));
   LandmarkModel model = blob_model();
   const std::vector<FittedFace> kept = found_by_box(model, nothing, somewhere, 0, 0.99);
@@ -113,9 +113,9 @@ class TrackerTest : public FolderTest {
   // Processes a frame with the object at `x`; the first call starts the track.
   std::vector<TrackedFace> show(double x, int frame, bool visible = true) {
     Rng rng(static_cast<std::uint64_t>(frame) + 1);
-    truth_ = (testing::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(x, 90);
-    const cv::Mat gray =
-        visible ? testing::draw_blobs(truth_, 28, {320, 180}, rng) : cv::Mat(180, 320, CV_8UC1, 70);
+    truth_ = (test_support::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(x, 90);
+    const cv::Mat gray = visible ? test_support::draw_blobs(truth_, 28, {320, 180}, rng)
+                                 : cv::Mat(180, 320, CV_8UC1, 70);
     TrackerState::Track& track = state_.tracks.front();
     if (track.raw.cols() == 0) {
       track.raw = truth_;
@@ -188,7 +188,7 @@ TEST(BoxModel, IsTheMedianOverCorrectBoxes) {
   std::vector<Eigen::Matrix2Xd> shapes;
   std::vector<cv::Rect2d> boxes;
   for (int i = 0; i < 9; ++i) {
-    shapes.push_back((testing::blob_shape(0) * 20).colwise() + Eigen::Vector2d(100, 110));
+    shapes.push_back((test_support::blob_shape(0) * 20).colwise() + Eigen::Vector2d(100, 110));
     boxes.emplace_back(60 + i - 4, 60, 80, 80);
   }
   boxes[0] = {300, 300, 80, 80};  // of another object
@@ -214,7 +214,7 @@ TEST(AlphaBetaFilter, ReducesNoiseAtRestAndFollowsMotion) {
   double raw = 0;
   double calm = 0;
   double lag = 0;
-  const Eigen::Matrix2Xd shape = testing::blob_shape(0) * 50;
+  const Eigen::Matrix2Xd shape = test_support::blob_shape(0) * 50;
   for (int t = 0; t < 200; ++t) {
     Eigen::Matrix2Xd noise(2, shape.cols());
     for (Eigen::Index i = 0; i < noise.size(); ++i) noise(i) = rng.normal(0, 1);

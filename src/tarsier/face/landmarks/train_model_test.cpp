@@ -20,7 +20,7 @@ class TrainModelTest : public FolderTest {
     set.mirror = {2, 1, 0, 5, 4, 3, 8, 7, 6};
     Rng rng(4);
     for (int i = 0; i < count; ++i) {
-      const TrainingFace face = testing::blob_face(rng);
+      const TrainingFace face = test_support::blob_face(rng);
       shape::LandmarkSample sample;
       sample.image = path("face" + std::to_string(i) + ".png");
       sample.points = face.points;

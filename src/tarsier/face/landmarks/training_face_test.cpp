@@ -20,10 +20,10 @@ class TrainingFaceTest : public FolderTest {
   shape::LandmarkSample sample(const std::string& name, double unit, cv::Size size) {
     Rng rng(1);
     shape::LandmarkSample result;
-    result.points = (testing::blob_shape(0) * unit).colwise() +
+    result.points = (test_support::blob_shape(0) * unit).colwise() +
                     Eigen::Vector2d(size.width * 0.4, size.height * 0.6);
     result.image = path(name);
-    write_image(result.image, testing::draw_blobs(result.points, unit, size, rng));
+    write_image(result.image, test_support::draw_blobs(result.points, unit, size, rng));
     return result;
   }
   static int brightness(const cv::Mat& gray, const Eigen::Vector2d& at) {

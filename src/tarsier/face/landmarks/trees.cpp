@@ -22,8 +22,8 @@ namespace {
 using shape::fit_similarity;
 using shape::Similarity2d;
 
-constexpr int kShard = 1024;  // starts per parallel task: fixed, independent of the threads
-constexpr int kBlock = 256;   // starts whose residuals are gathered together
+constexpr int kShard = 1024;    // starts per parallel task: fixed, independent of the threads
+constexpr int kGathered = 256;  // starts whose residuals are gathered together
 constexpr int kThreshold = 64;
 
 Eigen::Matrix2Xd normalized(const Eigen::Matrix2Xd& points) {
@@ -32,7 +32,7 @@ Eigen::Matrix2Xd normalized(const Eigen::Matrix2Xd& points) {
 }
 
 // The mean of the aligned shapes, with their mean orientation.
-Eigen::Matrix2Xd mean_shape(const std::vector<TrainingFace>& faces) {
+Eigen::Matrix2Xd upright_mean(const std::vector<TrainingFace>& faces) {
   Eigen::Matrix2Xd upright = Eigen::Matrix2Xd::Zero(2, faces.front().points.cols());
   for (const TrainingFace& face : faces) upright += normalized(face.points);
   TARSIER_REQUIRE(shape_size(upright) > 0, "the shapes have no mean");
@@ -51,7 +51,7 @@ Eigen::Matrix2Xd mean_shape(const std::vector<TrainingFace>& faces) {
 }
 
 // A start and its residual, both in the frame of the start's similarity to the mean.
-struct Sample {
+struct TreeSample {
   const cv::Mat* gray = nullptr;
   Similarity2d px_from_mean;
   Eigen::Matrix2Xd truth;
@@ -80,12 +80,12 @@ struct Shard {
   int end = 0;
 };
 
-class Trainer {
+class TreeTrainer {
  public:
-  Trainer(const std::vector<TrainingFace>& faces, const std::vector<Start>& starts,
-          const TreesOptions& options, std::stop_token stop)
+  TreeTrainer(const std::vector<TrainingFace>& faces, const std::vector<Start>& starts,
+              const TreesOptions& options, std::stop_token stop)
       : options_(options), stop_(std::move(stop)), random_(options.seed) {
-    model_.mean = mean_shape(faces);
+    model_.mean = upright_mean(faces);
     model_.depth = options.depth;
     model_.smoothing = static_cast<float>(options.smoothing);
     width_ = 2 * model_.mean.cols();
@@ -93,7 +93,7 @@ class Trainer {
     residuals_.assign(starts.size() * static_cast<std::size_t>(stride_), 0.0F);
     for (const Start& start : starts) {
       const TrainingFace& face = faces[static_cast<std::size_t>(start.face)];
-      Sample sample{&face.gray, fit_similarity(model_.mean, start.points), {}};
+      TreeSample sample{&face.gray, fit_similarity(model_.mean, start.points), {}};
       TARSIER_REQUIRE(sample.px_from_mean.scale() > 0, "a start has no size");
       const Similarity2d mean_from_px = sample.px_from_mean.inverse();
       sample.truth = mean_from_px(face.points);
@@ -173,7 +173,7 @@ class Trainer {
   void look_up(const Trees::Level& level) {
     values_.resize(samples_.size() * static_cast<std::size_t>(options_.features));
     in_parallel(samples_.size(), [&](std::size_t s) {
-      const Sample& sample = samples_[s];
+      const TreeSample& sample = samples_[s];
       const Eigen::Matrix2Xd shape = current(s);
       inner::look_up(level, model_.smoothing, *sample.gray,
                      sample.px_from_mean * fit_similarity(model_.mean, shape),
@@ -202,13 +202,13 @@ class Trainer {
   void sum_left(const Shard& shard, const Split* splits, float* sums, std::int32_t* counts) {
     const auto tests = static_cast<std::size_t>(options_.tests);
     const auto stride = static_cast<std::size_t>(stride_);
-    std::vector<float> left(tests * kBlock);
-    std::vector<float> rows(kBlock * stride);
+    std::vector<float> left(tests * kGathered);
+    std::vector<float> rows(kGathered * stride);
     std::vector<float> product(tests * linalg::kPanel);
     std::fill(sums, sums + tests * stride, 0.0F);
     std::fill(counts, counts + tests, 0);
-    for (int begin = shard.begin; begin < shard.end; begin += kBlock) {
-      const int size = std::min(kBlock, shard.end - begin);
+    for (int begin = shard.begin; begin < shard.end; begin += kGathered) {
+      const int size = std::min(kGathered, shard.end - begin);
       for (int k = 0; k < size; ++k) {
         const int sample = order_[static_cast<std::size_t>(begin + k)];
         std::memcpy(rows.data() + static_cast<std::size_t>(k) * stride,
@@ -349,7 +349,7 @@ class Trainer {
   Eigen::Index width_ = 0;  // length of a shape
   // Stride of a row of residuals: whole panels of the product, 0 beyond width_.
   Eigen::Index stride_ = 0;
-  std::vector<Sample> samples_;
+  std::vector<TreeSample> samples_;
   std::vector<float> residuals_;      // truth minus current shape, one row per sample
   std::vector<std::uint8_t> values_;  // grey values of the level's pixels, one row per sample
   Eigen::Matrix2Xd positions_;        // of the level's pixels in the mean's frame
@@ -383,7 +383,7 @@ Trees train_trees(const std::vector<TrainingFace>& faces, const std::vector<Star
                     "a start with {} points of {}", start.points.cols(), points);
   }
   throw_if_stopped(stop);
-  return Trainer(faces, starts, options, stop).train(progress);
+  return TreeTrainer(faces, starts, options, stop).train(progress);
 }
 
 }  // namespace tarsier::face::landmarks

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/face/landmarks/testing_distance.h"
 #include "tarsier/media/archive.h"
 
 #include <gmock/gmock.h>
@@ -20,6 +21,7 @@ namespace tarsier::face::landmarks {
 namespace {
 
 using nlohmann::json;
+using test_support::mean_distance;
 using testing::HasSubstr;
 
 constexpr double kRadius = 16;
@@ -96,11 +98,7 @@ TreesOptions small() {
   return options;
 }
 
-double error(const Eigen::Matrix2Xd& a, const Eigen::Matrix2Xd& b) {
-  return (a - b).colwise().norm().mean();
-}
-
-Trees train(const Problem& data, const TreesOptions& options) {
+Trees trained_trees(const Problem& data, const TreesOptions& options) {
   NoProgress progress;
   return train_trees(data.faces, data.starts, options, progress, {});
 }
@@ -110,8 +108,8 @@ std::pair<double, double> errors(const Trees& model, const Problem& data) {
   std::pair<double, double> sum;
   for (const Start& start : data.starts) {
     const TrainingFace& face = data.faces[static_cast<std::size_t>(start.face)];
-    sum.first += error(start.points, face.points);
-    sum.second += error(fit_trees(model, face.gray, start.points), face.points);
+    sum.first += mean_distance(start.points, face.points);
+    sum.second += mean_distance(fit_trees(model, face.gray, start.points), face.points);
   }
   const auto count = static_cast<double>(data.starts.size());
   return {sum.first / count, sum.second / count};
@@ -123,7 +121,7 @@ const Problem& lesson() {
 }
 
 const Trees& learnt() {
-  static const Trees model = train(lesson(), small());
+  static const Trees model = trained_trees(lesson(), small());
   return model;
 }
 
@@ -156,7 +154,7 @@ TEST(Trees, FitTrainingDataExactly) {
   TreesOptions options = small();
   options.levels = 10;
   options.depth = 4;
-  const auto [before, after] = errors(train(data, options), data);
+  const auto [before, after] = errors(trained_trees(data, options), data);
   EXPECT_GT(before, 3);
   EXPECT_LT(after, 1e-3 * before);
 }
@@ -166,8 +164,8 @@ TEST(Trees, FitRotatedAndScaledImage) {
   // the same way.
   const TrainingFace face = disc({240, 200}, {110, 95}, 2 * kRadius, std::numbers::pi / 2);
   const TrainingFace start = disc({1, 1}, {118, 88}, 1.9 * kRadius, std::numbers::pi / 2 + 0.1);
-  const double before = error(start.points, face.points);
-  const double after = error(fit_trees(learnt(), face.gray, start.points), face.points);
+  const double before = mean_distance(start.points, face.points);
+  const double after = mean_distance(fit_trees(learnt(), face.gray, start.points), face.points);
   EXPECT_GT(before, 8);
   EXPECT_LT(after, before / 4);
 }
@@ -178,13 +176,13 @@ TEST(Trees, AreTheSameForAnyNumberOfThreads) {
   options.levels = 2;
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
-  const Trees one = train(data, options);
+  const Trees one = trained_trees(data, options);
   cv::setNumThreads(2);
-  const Trees two = train(data, options);
+  const Trees two = trained_trees(data, options);
   cv::setNumThreads(threads);
   EXPECT_TRUE(same(one, two));
   options.seed = 2;
-  EXPECT_FALSE(same(one, train(data, options)));
+  EXPECT_FALSE(same(one, trained_trees(data, options)));
 }
 
 TEST(Trees, FitAtTheBorderAndOutside) {
@@ -194,7 +192,7 @@ TEST(Trees, FitAtTheBorderAndOutside) {
     start.array() += shift;
     const Eigen::Matrix2Xd fit = fit_trees(learnt(), face.gray, start);
     EXPECT_TRUE(fit.allFinite()) << shift;
-    EXPECT_LT(error(fit, start), 4 * kRadius) << shift;
+    EXPECT_LT(mean_distance(fit, start), 4 * kRadius) << shift;
   }
   const cv::Mat dot(1, 1, CV_8UC1, cv::Scalar(9));
   EXPECT_TRUE(fit_trees(learnt(), dot, face.points).allFinite());
@@ -246,7 +244,7 @@ TEST(Trees, RefuseBrokenFiles) {
   TreesOptions options = small();
   options.levels = 2;
   options.trees = 3;
-  const json good = to_json(train(data, options));
+  const json good = to_json(trained_trees(data, options));
   const Trees model = trees_from_json(good, "m.json");
   ASSERT_EQ(model.levels.size(), 2U);
 
@@ -342,13 +340,13 @@ TEST(Trees, RejectInvalidInput) {
   Problem data = problem(3, 1, 4);
   TreesOptions options = small();
   options.depth = 9;
-  EXPECT_THROW((void)train(data, options), std::invalid_argument);
+  EXPECT_THROW((void)trained_trees(data, options), std::invalid_argument);
   data.starts[0].face = 3;
-  EXPECT_THROW((void)train(data, small()), std::invalid_argument);
+  EXPECT_THROW((void)trained_trees(data, small()), std::invalid_argument);
   data = problem(3, 1, 4);
   data.faces[1].points(0, 0) = NAN;
-  EXPECT_THROW((void)train(data, small()), std::invalid_argument);
-  EXPECT_THROW((void)train({}, small()), std::invalid_argument);
+  EXPECT_THROW((void)trained_trees(data, small()), std::invalid_argument);
+  EXPECT_THROW((void)trained_trees({}, small()), std::invalid_argument);
 }
 
 // Requests a stop after some trees.

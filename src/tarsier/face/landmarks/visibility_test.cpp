@@ -18,7 +18,7 @@
 namespace tarsier::face::landmarks {
 namespace {
 
-VisibilityModel train(const std::vector<TrainingFace>& faces, int steps) {
+VisibilityModel trained_visibility(const std::vector<TrainingFace>& faces, int steps) {
   VisibilityOptions options;
   options.steps = steps;
   NoProgress silent;
@@ -26,7 +26,7 @@ VisibilityModel train(const std::vector<TrainingFace>& faces, int steps) {
 }
 
 TEST(Occlusion, HidesSomePointsAndIsDeterministic) {
-  const std::vector<TrainingFace> faces = testing::blob_faces(3, 5);
+  const std::vector<TrainingFace> faces = test_support::blob_faces(3, 5);
   Rng rng(1);
   for (int k = 0; k < 60; ++k) {
     const TrainingFace& face = faces[static_cast<std::size_t>(k % 3)];
@@ -55,14 +55,14 @@ TEST(Occlusion, RefusesPointsOutsideTheImage) {
 // On held-out faces, hidden points are reported as hidden, and sigma is right.
 TEST(Visibility, DetectsHiddenPointsOnUnseenFaces) {
   TARSIER_LONG_TEST();
-  const std::vector<TrainingFace> faces = testing::blob_faces(40, 7);
-  const VisibilityModel model = train(faces, 120);
+  const std::vector<TrainingFace> faces = test_support::blob_faces(40, 7);
+  const VisibilityModel model = trained_visibility(faces, 120);
   NoProgress silent;
   DescentOptions options;
   options.folds = 2;
   const Descent descent =
       train_descent(faces, scattered_starts(faces, model.mean, 6, 1), options, silent, {});
-  const std::vector<TrainingFace> others = testing::blob_faces(40, 99);
+  const std::vector<TrainingFace> others = test_support::blob_faces(40, 99);
   VisibilityScore score;
   double of_hidden = 0;
   double of_visible = 0;
@@ -85,33 +85,33 @@ TEST(Visibility, DetectsHiddenPointsOnUnseenFaces) {
 }
 
 TEST(Visibility, IsTheSameForAnyNumberOfThreads) {
-  const std::vector<TrainingFace> faces = testing::blob_faces(12, 3);
+  const std::vector<TrainingFace> faces = test_support::blob_faces(12, 3);
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
-  const nlohmann::json one = to_json(train(faces, 3));
+  const nlohmann::json one = to_json(trained_visibility(faces, 3));
   cv::setNumThreads(3);
-  const nlohmann::json three = to_json(train(faces, 3));
+  const nlohmann::json three = to_json(trained_visibility(faces, 3));
   cv::setNumThreads(threads);
   EXPECT_EQ(one, three);
 }
 
 TEST(Visibility, JsonRoundTrip) {
-  const std::vector<TrainingFace> faces = testing::blob_faces(12, 3);
-  const VisibilityModel model = train(faces, 3);
-  nlohmann::json json = to_json(model);
-  const VisibilityModel again = visibility_from_json(json, "file.json");
+  const std::vector<TrainingFace> faces = test_support::blob_faces(12, 3);
+  const VisibilityModel model = trained_visibility(faces, 3);
+  nlohmann::json written = to_json(model);
+  const VisibilityModel again = visibility_from_json(written, "file.json");
   VisibilityWorkspace workspace;
   const Visibility before = visibility_of(model, faces[0].gray, faces[0].points, workspace);
   const Visibility after = visibility_of(again, faces[0].gray, faces[0].points, workspace);
   EXPECT_TRUE(before.visible.isApprox(after.visible, 1e-5));
   EXPECT_TRUE(before.sigma_px.isApprox(after.sigma_px, 1e-5));
 
-  json["hidden_slope"] = 1e9;
-  EXPECT_THROW((void)visibility_from_json(json, "file.json"), ModelError);
-  json["hidden_slope"] = 1;
-  json["network"] =
+  written["hidden_slope"] = 1e9;
+  EXPECT_THROW((void)visibility_from_json(written, "file.json"), ModelError);
+  written["hidden_slope"] = 1;
+  written["network"] =
       linalg::network_to_json({{linalg::convolution(1, 18, 5, 5)}});  // 18 numbers for each pixel
-  EXPECT_THROW((void)visibility_from_json(json, "file.json"), ModelError);
+  EXPECT_THROW((void)visibility_from_json(written, "file.json"), ModelError);
 }
 
 TEST(Visibility, ScoreComparesWithGroundTruth) {
@@ -134,8 +134,8 @@ TEST(Visibility, ScoreComparesWithGroundTruth) {
 }
 
 TEST(Visibility, CoincidingPointsAreHidden) {
-  const std::vector<TrainingFace> faces = testing::blob_faces(12, 3);
-  const VisibilityModel model = train(faces, 3);
+  const std::vector<TrainingFace> faces = test_support::blob_faces(12, 3);
+  const VisibilityModel model = trained_visibility(faces, 3);
   VisibilityWorkspace workspace;
   const Visibility visibility =
       visibility_of(model, faces[0].gray, Eigen::Matrix2Xd::Constant(2, 9, 20), workspace);
@@ -143,7 +143,7 @@ TEST(Visibility, CoincidingPointsAreHidden) {
 }
 
 TEST(Visibility, TrainingNeedsTenFaces) {
-  EXPECT_THROW((void)train(testing::blob_faces(9, 1), 3), std::invalid_argument);
+  EXPECT_THROW((void)trained_visibility(test_support::blob_faces(9, 1), 3), std::invalid_argument);
 }
 
 }  // namespace

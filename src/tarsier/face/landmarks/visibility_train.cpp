@@ -31,7 +31,7 @@ constexpr int kExamplesPerFace = 6;   // examples of each of these
 constexpr float kErrorWeight = 0.5F;  // of the errors' part of the loss
 constexpr float kHuberThreshold = 1;  // of its Huber loss; a factor of e
 
-linalg::Network untrained(int points) {
+linalg::Network untrained_visibility_network(int points) {
   linalg::Network network;
   linalg::Layer first = linalg::convolution(1, 12, 5, 5);
   first.stride = 2;
@@ -201,7 +201,7 @@ VisibilityModel train_visibility_model(const std::vector<TrainingFace>& faces,
   VisibilityModel model;
   model.mean = mean_shape(faces);
   const Fits fits(faces, model.mean, options, progress, stop);
-  model.network = untrained(model.points());
+  model.network = untrained_visibility_network(model.points());
   Rng rng = Rng(options.seed).fork(3);
   linalg::initialize(model.network, rng);
   const std::vector<std::size_t> training_numbers = fits.numbers(false);

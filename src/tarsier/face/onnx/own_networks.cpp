@@ -26,8 +26,8 @@ namespace {
 
 constexpr int kMinOutputs = 8;
 constexpr int kMaxOutputs = 4096;
-constexpr int kMinSide = 16;
-constexpr int kMaxSide = 2048;
+constexpr int kMinInputSide = 16;
+constexpr int kMaxInputSide = 2048;
 
 struct LoadedNetwork {
   NetworkFile file;    // without its bytes
@@ -53,7 +53,8 @@ LoadedNetwork open_network(const std::string& path) {
     if (shape[2] == -1 || shape[3] == -1)
       throw ModelError(path,
                        "leaves the size of its image open: write 'size: W' into " + path + ".txt");
-    if (shape[2] < kMinSide || shape[3] < kMinSide || shape[2] > kMaxSide || shape[3] > kMaxSide)
+    if (shape[2] < kMinInputSide || shape[3] < kMinInputSide || shape[2] > kMaxInputSide ||
+        shape[3] > kMaxInputSide)
       throw ModelError(path, fmt::format("takes images of {} x {} px", shape[3], shape[2]));
     out.format.width = static_cast<int>(shape[3]);
     out.format.height = static_cast<int>(shape[2]);
@@ -210,8 +211,8 @@ std::int64_t fingerprint_of(const LoadedNetwork& network) {
 
 cv::Mat aligned_chip(const cv::Mat& crop, cv::Size size) {
   require_gray(crop);
-  TARSIER_REQUIRE(size.width >= kMinSide && size.height >= kMinSide, "a chip of {} x {} px",
-                  size.width, size.height);
+  TARSIER_REQUIRE(size.width >= kMinInputSide && size.height >= kMinInputSide,
+                  "a chip of {} x {} px", size.width, size.height);
   constexpr double kEyeX = 0.27;  // positions of the eyes in the crop
   constexpr double kEyeY = 0.34;
   constexpr double kAspect = 1.25;  // height / width of the crop

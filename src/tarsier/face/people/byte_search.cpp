@@ -210,8 +210,7 @@ SearchReport search_below(const Pieces& pieces, const std::string& folder,
   SearchReport report;
   const std::string top = folder.empty() ? "." : folder;
   struct stat status {};
-  if (::stat(top.c_str(), &status) != 0)
-    throw InputError(top, std::generic_category().message(errno));
+  if (::stat(top.c_str(), &status) != 0) throw InputError(top, errno_text(errno));
   const dev_t device = status.st_dev;
   std::int64_t size = 0;
   std::deque<std::pair<std::string, int>> waiting{{top, 0}};

@@ -7,7 +7,7 @@
 namespace tarsier::face::people {
 namespace {
 
-Face face(int seed) {
+Face random_face(int seed) {
   Face out;
   out.crop.create(160, 128, CV_8UC1);
   cv::RNG rng(static_cast<std::uint64_t>(seed) + 1);
@@ -21,18 +21,18 @@ Face face(int seed) {
 
 TEST(CollectorTest, VideoFacesMustDifferInTimeAndContent) {
   Collector collector;
-  EXPECT_EQ(collector.offer(face(1), 0, true), "");
-  EXPECT_EQ(collector.offer(face(2), 0.5, true), "too soon");
-  EXPECT_EQ(collector.offer(face(1), 1.5, true), "too similar to the last");
-  EXPECT_EQ(collector.offer(face(2), 1.6, true), "");
+  EXPECT_EQ(collector.offer(random_face(1), 0, true), "");
+  EXPECT_EQ(collector.offer(random_face(2), 0.5, true), "too soon");
+  EXPECT_EQ(collector.offer(random_face(1), 1.5, true), "too similar to the last");
+  EXPECT_EQ(collector.offer(random_face(2), 1.6, true), "");
   EXPECT_EQ(collector.accepted(), 2);
   EXPECT_EQ(collector.rejected().at("too soon"), 1);
   collector.reset();
-  EXPECT_EQ(collector.offer(face(2), 1.7, true), "");
+  EXPECT_EQ(collector.offer(random_face(2), 1.7, true), "");
 }
 
 TEST(CollectorTest, RejectsUncertainFacesIfQualityIsChecked) {
-  Face uncertain = face(1);
+  Face uncertain = random_face(1);
   uncertain.trusted = false;
   Collector strict;
   EXPECT_EQ(strict.offer(uncertain, 0, false), "uncertain face");
@@ -44,12 +44,12 @@ TEST(CollectorTest, RejectsUncertainFacesIfQualityIsChecked) {
 
 TEST(CollectorTest, AcceptsEachStillImage) {
   Collector collector;
-  EXPECT_EQ(collector.offer(face(1), 0, false), "");
-  EXPECT_EQ(collector.offer(face(1), 0, false), "");
+  EXPECT_EQ(collector.offer(random_face(1), 0, false), "");
+  EXPECT_EQ(collector.offer(random_face(1), 0, false), "");
 }
 
 TEST(CollectorTest, RejectsFacesOfLowQualityIfQualityIsChecked) {
-  Face small = face(1);
+  Face small = random_face(1);
   small.quality.eye_distance = 5;
   Collector strict;
   EXPECT_EQ(strict.offer(small, 0, false), "too small");

@@ -462,7 +462,7 @@ Correction correction_at(const Statement& row) {
 }  // namespace
 
 std::vector<Correction> Gallery::corrections(std::int64_t limit) {
-  Statement rows(database_, std::string(kCorrections) + "ORDER BY id DESC LIMIT ?");
+  Statement rows(database_, fmt::format("{}ORDER BY id DESC LIMIT ?", kCorrections));
   rows.bind(1, limit > 0 ? limit : std::int64_t{-1});
   std::vector<Correction> out;
   while (rows.step()) out.push_back(correction_at(rows));
@@ -470,7 +470,7 @@ std::vector<Correction> Gallery::corrections(std::int64_t limit) {
 }
 
 std::optional<Correction> Gallery::correction(std::int64_t id) {
-  Statement row(database_, std::string(kCorrections) + "WHERE id = ?");
+  Statement row(database_, fmt::format("{}WHERE id = ?", kCorrections));
   row.bind(1, id);
   if (!row.step()) return std::nullopt;
   return correction_at(row);

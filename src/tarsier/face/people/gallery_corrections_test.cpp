@@ -2,6 +2,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/face/people/gallery.h"
 #include "tarsier/face/people/model.h"
+#include "tarsier/face/people/testing_gallery.h"
 #include "tarsier/face/recognition/testing_faces.h"
 #include "tarsier/media/testing_folder.h"
 
@@ -21,16 +22,6 @@ using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
 const CorrectionStamp kNow{1234, "tester"};
-
-template <typename Call>
-std::string message_of(const Call& call) {
-  try {
-    call();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
 
 class CorrectionsTest : public FolderTest {
  protected:

@@ -112,10 +112,10 @@ std::optional<SightingFace> Gallery::sighting_face(std::int64_t id) {
 }
 
 std::int64_t Gallery::forget_sightings_before(std::int64_t time, std::int64_t max_count) {
-  constexpr std::int64_t kBatch = 500;
+  constexpr std::int64_t kMaxRemovedAtOnce = 500;
   std::int64_t removed = 0;
   while (removed < max_count) {
-    const std::int64_t batch = std::min(kBatch, max_count - removed);
+    const std::int64_t batch = std::min(kMaxRemovedAtOnce, max_count - removed);
     Statement remove(database_,
                      "DELETE FROM sighting WHERE id IN (SELECT id FROM sighting WHERE time < ? "
                      "ORDER BY time LIMIT ?)");

@@ -17,7 +17,6 @@
 #include <fcntl.h>
 #include <limits>
 #include <sys/stat.h>
-#include <system_error>
 #include <unistd.h>
 
 namespace tarsier::face::people {
@@ -130,8 +129,7 @@ GalleryIndexReport build_gallery_index(Gallery& gallery, const recognition::Back
                                                    watched, metadata, options, progress, stop);
       const bool placed = gallery.put_index(removals, stored->id, report.index.sha256, [&] {
         if (::rename(temporary.c_str(), report.path.c_str()) != 0)
-          throw OutputError(report.path, fmt::format("cannot rename: {}",
-                                                     std::generic_category().message(errno)));
+          throw OutputError(report.path, fmt::format("cannot rename: {}", errno_text(errno)));
         sync_folder(report.path);
       });
       if (placed) return report;
@@ -403,8 +401,7 @@ std::string IndexRemoval::replace(const std::string& recorded) {
   }
   outcome_ = IndexOutcome::kDeleted;
   if (::unlink(path_.c_str()) != 0 && errno != ENOENT)
-    throw OutputError(path_,
-                      fmt::format("cannot be deleted: {}", std::generic_category().message(errno)));
+    throw OutputError(path_, fmt::format("cannot be deleted: {}", errno_text(errno)));
   sync_folder(path_);
   return {};
 }

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
+#include "tarsier/face/people/testing_gallery.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/background_space.h"
 #include "tarsier/face/recognition/testing_faces.h"
@@ -35,26 +36,15 @@ constexpr int kPeople = 400;
 constexpr int kImages = 3;
 constexpr std::size_t kFaces = std::size_t{kPeople} * kImages;
 
-const recognition::Background& background() {
-  static const recognition::Background made = [] {
-    const auto many = recognition::synthetic_faces(40, 1, 0.3, 3, 1000, {128, 160});
-    recognition::BackgroundOptions options;
-    options.components = 30;
-    NoProgress progress;
-    return recognition::learn_background(many.faces, options, progress, {});
-  }();
-  return made;
-}
-
-std::int64_t space() { return -recognition::fingerprint(background()); }
+std::int64_t space() { return -recognition::fingerprint(gallery_background()); }
 
 // Random coordinates of a person; all crops are equal.
 std::vector<float> random_coordinates(int person, int image) {
   Rng of_person(static_cast<std::uint64_t>(person) + 1);
   Rng of_image(static_cast<std::uint64_t>(1000 * person + image) + 77);
   std::vector<float> numbers;
-  for (Eigen::Index i = 0; i < background().basis.rows(); ++i) {
-    const double spread = std::sqrt(std::max(1e-12, background().variance(i)));
+  for (Eigen::Index i = 0; i < gallery_background().basis.rows(); ++i) {
+    const double spread = std::sqrt(std::max(1e-12, gallery_background().variance(i)));
     numbers.push_back(static_cast<float>(spread * (of_person.normal() + 0.3 * of_image.normal())));
   }
   numbers.push_back(1e-3F);
@@ -86,15 +76,16 @@ class GalleryIndexTest : public FolderTest {
         for (int image = 0; image < kImages; ++image) faces.push_back(face_of(person, image));
       gallery.enroll(faces);
       NoProgress quiet;
-      (void)load_gallery_model(gallery, &background(), true, TrainingPolicy::kIfNeeded, quiet, {});
+      (void)load_gallery_model(gallery, &gallery_background(), true, TrainingPolicy::kIfNeeded,
+                               quiet, {});
       return file;
     }();
     std::filesystem::copy_file(original, to);
     return to;
   }
   void learn() {
-    (void)load_gallery_model(gallery_, &background(), true, TrainingPolicy::kIfNeeded, progress_,
-                             {});
+    (void)load_gallery_model(gallery_, &gallery_background(), true, TrainingPolicy::kIfNeeded,
+                             progress_, {});
   }
   // As in a gallery so large that its model is learned from few faces.
   void learned_from_few() {
@@ -103,19 +94,19 @@ class GalleryIndexTest : public FolderTest {
     (void)gallery_.store_model(model->body, gallery_.generation(), space(), few, {});
   }
   GalleryIndexReport build(const recognition::CellIndexOptions& options = {}) {
-    return build_gallery_index(gallery_, background(), options, progress_, {});
+    return build_gallery_index(gallery_, gallery_background(), options, progress_, {});
   }
   GalleryFollower follower(SearchMode search_mode = SearchMode::kIndexed) {
     return GalleryFollower(
-        gallery_, &background(),
-        load_gallery_model(gallery_, &background(), true, TrainingPolicy::kIfNeeded, progress_, {},
-                           search_mode),
+        gallery_, &gallery_background(),
+        load_gallery_model(gallery_, &gallery_background(), true, TrainingPolicy::kIfNeeded,
+                           progress_, {}, search_mode),
         search_mode);
   }
   std::vector<float> probe(const recognition::Recognizer& model, int person, int image = kImages) {
     const std::vector<float> numbers = random_coordinates(person, image);
     const recognition::Rows row = recognition::templates_of_coordinates(
-        model, background(),
+        model, gallery_background(),
         Eigen::Map<const recognition::Rows>(numbers.data(), 1,
                                             static_cast<Eigen::Index>(numbers.size())));
     return {row.data(), row.data() + row.size()};
@@ -311,7 +302,7 @@ TEST_F(GalleryIndexTest, IgnoresInvalidAndForeignFiles) {
   {
     Gallery other(copy_to(path("q.db")));
     other.enroll(std::vector<NewFace>{face_of(700, 0)});
-    (void)build_gallery_index(other, background(), {}, progress_, {});
+    (void)build_gallery_index(other, gallery_background(), {}, progress_, {});
     put(contents(index_path(other)));
   }
   unused("is of another state of the gallery");
@@ -328,7 +319,8 @@ TEST_F(GalleryIndexTest, IgnoresInvalidAndForeignFiles) {
   EXPECT_EQ(running.recognizer()->templates.rows(), static_cast<Eigen::Index>(kFaces));
   // Templates that were computed again.
   put(whole);
-  (void)load_gallery_model(gallery_, &background(), true, TrainingPolicy::kAlways, progress_, {});
+  (void)load_gallery_model(gallery_, &gallery_background(), true, TrainingPolicy::kAlways,
+                           progress_, {});
   unused("is of templates that were made again");
 }
 
@@ -345,7 +337,7 @@ TEST_F(GalleryIndexTest, ForgettingDuringTheBuildRestartsIt) {
   } progress;
   const auto gone = faces_of("p9");
   progress.once = [&] { ASSERT_TRUE(other.forget("p9", {})); };
-  (void)build_gallery_index(gallery_, background(), {}, progress, {});
+  (void)build_gallery_index(gallery_, gallery_background(), {}, progress, {});
   const auto ids = ids_in_index();
   EXPECT_THAT(ids, SizeIs(kFaces - kImages));
   for (const std::int64_t id : gone) EXPECT_FALSE(ids.contains(id));
@@ -364,7 +356,8 @@ TEST_F(GalleryIndexTest, KillLeavesTheOldOrTheNewIndex) {
         NoProgress progress;
         Gallery own(path("p.db"));
         for (int rounds = 2;; ++rounds)
-          (void)build_gallery_index(own, background(), {.rounds = 1 + rounds % 5}, progress, {});
+          (void)build_gallery_index(own, gallery_background(), {.rounds = 1 + rounds % 5}, progress,
+                                    {});
       } catch (...) {
       }
       ::_exit(1);
@@ -389,8 +382,9 @@ TEST_F(GalleryIndexTest, KillLeavesTheOldOrTheNewIndex) {
 TEST_F(GalleryIndexTest, CanBeInterrupted) {
   std::stop_source stop;
   stop.request_stop();
-  EXPECT_THROW((void)build_gallery_index(gallery_, background(), {}, progress_, stop.get_token()),
-               Interrupted);
+  EXPECT_THROW(
+      (void)build_gallery_index(gallery_, gallery_background(), {}, progress_, stop.get_token()),
+      Interrupted);
   EXPECT_FALSE(gallery_index_state(gallery_).exists);
   EXPECT_EQ(files(), 3U);
 }
@@ -401,7 +395,8 @@ TEST_F(GalleryIndexTest, RejectsSmallGalleries) {
   one.face.crop = recognition::synthetic_faces(1, 1, 0.3, 5, 3, {128, 160}).faces[0];
   one.face.measures = "{}";
   small.enroll(std::vector<NewFace>{one});
-  EXPECT_THROW((void)build_gallery_index(small, background(), {}, progress_, {}), InputError);
+  EXPECT_THROW((void)build_gallery_index(small, gallery_background(), {}, progress_, {}),
+               InputError);
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/face/people/export.h"
 #include "tarsier/face/people/name.h"
+#include "tarsier/face/people/testing_gallery.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
 
@@ -26,7 +27,7 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
-StoredFace face(int seed) {
+StoredFace stored_face(int seed) {
   StoredFace out;
   out.crop.create(160, 128, CV_8UC1);
   cv::RNG rng(static_cast<std::uint64_t>(seed) + 17);
@@ -38,16 +39,6 @@ StoredFace face(int seed) {
   return out;
 }
 
-template <typename Call>
-std::string message_of(const Call& call) {
-  try {
-    call();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
-
 using GalleryTest = FolderTest;
 
 TEST_F(GalleryTest, StoresPeopleWithAnyNames) {
@@ -56,7 +47,7 @@ TEST_F(GalleryTest, StoresPeopleWithAnyNames) {
   {
     Gallery gallery(path("p.db"));
     for (std::size_t i = 0; i < names.size(); ++i)
-      gallery.enroll(names[i], "agreed", face(static_cast<int>(i)));
+      gallery.enroll(names[i], "agreed", stored_face(static_cast<int>(i)));
   }
   Gallery gallery(path("p.db"), DatabaseAccess::kRead);
   const std::vector<Person> people = gallery.people();
@@ -67,7 +58,7 @@ TEST_F(GalleryTest, StoresPeopleWithAnyNames) {
     EXPECT_EQ(people[i].faces, 1);
     const auto faces = gallery.faces(people[i].id);
     ASSERT_THAT(faces, SizeIs(1));
-    EXPECT_EQ(cv::norm(faces[0].crop, face(static_cast<int>(i)).crop, cv::NORM_INF), 0);
+    EXPECT_EQ(cv::norm(faces[0].crop, stored_face(static_cast<int>(i)).crop, cv::NORM_INF), 0);
   }
   EXPECT_FALSE(gallery.find("nobody"));
   namespace fs = std::filesystem;
@@ -80,7 +71,7 @@ TEST_F(GalleryTest, RejectsInvalidNames) {
   for (const std::string& name : {std::string(), std::string(201, 'x'), std::string(10'000, 'x'),
                                   std::string("a\nb"), std::string("\xff\xfe"), std::string(" x"),
                                   std::string("a\xC0\xAF"), std::string("\xED\xA0\x80")}) {
-    EXPECT_THROW(gallery.enroll(name, "", face(1)), UsageError);
+    EXPECT_THROW(gallery.enroll(name, "", stored_face(1)), UsageError);
   }
   EXPECT_THAT(message_of([] { check_name(std::string(10'000, 'x')); }), HasSubstr("10000 bytes"));
   EXPECT_THAT(gallery.people(), IsEmpty());
@@ -88,15 +79,15 @@ TEST_F(GalleryTest, RejectsInvalidNames) {
 
 TEST_F(GalleryTest, AddsFacesAndNotesToAnEnrolledPerson) {
   Gallery gallery(path("p.db"));
-  gallery.enroll("Ann", "", face(1));
+  gallery.enroll("Ann", "", stored_face(1));
   const auto before = gallery.generation();
-  gallery.enroll("Ann", "agreed on Monday", face(2));
-  gallery.enroll("Ann", "", face(3));
+  gallery.enroll("Ann", "agreed on Monday", stored_face(2));
+  gallery.enroll("Ann", "", stored_face(3));
   EXPECT_NE(gallery.generation(), before);
   ASSERT_THAT(gallery.people(), SizeIs(1));
   EXPECT_EQ(gallery.people()[0].faces, 3);
   EXPECT_EQ(gallery.people()[0].note, "agreed on Monday");
-  EXPECT_EQ(cv::norm(gallery.latest_face(1)->crop, face(3).crop, cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(gallery.latest_face(1)->crop, stored_face(3).crop, cv::NORM_INF), 0);
 }
 
 // The raw bytes are in the files before, and in no file afterwards.
@@ -104,7 +95,7 @@ TEST_F(GalleryTest, ForgettingLeavesNoPiece) {
   Gallery gallery(path("p.db"));
   Pieces pieces;
   for (int i = 0; i < 6; ++i) {
-    const StoredFace stored = face(i);
+    const StoredFace stored = stored_face(i);
     gallery.enroll(i < 4 ? "Ann" : "Ben", "", stored);
     const std::vector<std::uint8_t> png = encode_image(".png", stored.crop, "x");
     if (i < 4) pieces.add(std::span<const std::uint8_t>(png).subspan(43));
@@ -146,7 +137,7 @@ TEST_F(GalleryTest, ForgettingLeavesNoPiece) {
 
 TEST_F(GalleryTest, ReportsCopiesInTheFolder) {
   Gallery gallery(path("p.db"));
-  gallery.enroll("Ann", "", face(1));
+  gallery.enroll("Ann", "", stored_face(1));
   export_gallery(gallery, path("out"), [](std::int64_t) { return "t"; }, {});
   std::filesystem::copy_file(path("out/person-1/face-1.png"), path("copy.png"));
   const auto report = gallery.forget("Ann", {});
@@ -158,8 +149,8 @@ TEST_F(GalleryTest, ReportsCopiesInTheFolder) {
 // An export in a subfolder, as `people export -o all` makes it beside the gallery.
 TEST_F(GalleryTest, ReportsCopiesInSubfolders) {
   Gallery gallery(path("p.db"));
-  gallery.enroll("Ann", "", face(1));
-  gallery.enroll("Ben", "", face(2));
+  gallery.enroll("Ann", "", stored_face(1));
+  gallery.enroll("Ben", "", stored_face(2));
   export_gallery(gallery, path("all"), [](std::int64_t) { return "t"; }, {});
   const auto report = gallery.forget("Ann", {});
   EXPECT_FALSE(report->proven());
@@ -172,8 +163,8 @@ TEST_F(GalleryTest, ReportsCopiesInSubfolders) {
 // One image under two names. The other person's bytes stay, so nothing is reported as proven.
 TEST_F(GalleryTest, SharedImagesMakeDeletionUnproven) {
   Gallery gallery(path("p.db"));
-  gallery.enroll("Ann", "", face(1));
-  gallery.enroll("Same", "", face(1));
+  gallery.enroll("Ann", "", stored_face(1));
+  gallery.enroll("Same", "", stored_face(1));
   const auto report = gallery.forget("Same", {});
   ASSERT_TRUE(report);
   EXPECT_FALSE(report->proven());
@@ -183,8 +174,8 @@ TEST_F(GalleryTest, SharedImagesMakeDeletionUnproven) {
   EXPECT_THAT(report->shared_with, testing::ElementsAre("Ann"));
   EXPECT_THAT(report->search.files_with_pieces, IsEmpty());
   // If the person also has other images, the number of unproven faces is reported.
-  gallery.enroll("Same", "", face(1));
-  gallery.enroll("Same", "", face(2));
+  gallery.enroll("Same", "", stored_face(1));
+  gallery.enroll("Same", "", stored_face(2));
   const auto partly = gallery.forget("Same", {});
   EXPECT_FALSE(partly->proven());
   EXPECT_EQ(partly->unproven_records, 1);
@@ -207,7 +198,7 @@ TEST_F(GalleryTest, KillLeavesAConsistentGallery) {
         Gallery gallery(path("p.db"));
         for (int i = 0;; ++i) {
           const std::string name = "p" + std::to_string(round) + "." + std::to_string(i % 3);
-          const std::int64_t id = gallery.enroll(name, "", face(100 * round + i));
+          const std::int64_t id = gallery.enroll(name, "", stored_face(100 * round + i));
           if (write(ends[1], "e", 1) != 1) _exit(1);
           const std::pair<std::int64_t, std::vector<float>> numbers{id, {1.0F, 2.0F}};
           (void)gallery.store_model("body", gallery.generation(), 0, {{id}}, {{numbers}});
@@ -259,7 +250,7 @@ TEST_F(GalleryTest, KillLeavesAConsistentGallery) {
 TEST_F(GalleryTest, ForgetsAllPeople) {
   Gallery gallery(path("p.db"));
   EXPECT_FALSE(gallery.forget_all({}));
-  for (int i = 0; i < 6; ++i) gallery.enroll("p" + std::to_string(i / 2), "", face(i));
+  for (int i = 0; i < 6; ++i) gallery.enroll("p" + std::to_string(i / 2), "", stored_face(i));
   gallery.add_sighting(5, "camera", "p1", true, 0.9);
   const auto report = gallery.forget_all({});
   ASSERT_TRUE(report);
@@ -273,17 +264,17 @@ TEST_F(GalleryTest, ForgetsAllPeople) {
 
 TEST_F(GalleryTest, EnrollingKeepsTheModel) {
   Gallery gallery(path("p.db"));
-  const auto id = gallery.enroll("Ann", "", face(1));
+  const auto id = gallery.enroll("Ann", "", stored_face(1));
   const std::pair<std::int64_t, std::vector<float>> numbers{id, {1.0F, 2.0F}};
   const auto model = gallery.store_model("subspace", gallery.generation(), 0, {{id}}, {{numbers}});
   ASSERT_TRUE(model);
   EXPECT_EQ(gallery.model()->body, "subspace");
   EXPECT_EQ(gallery.model()->generation, gallery.generation());
-  StoredFace second = face(2);
+  StoredFace second = stored_face(2);
   second.features = {3.0F, 4.0F};
   second.space = *model;
   const auto other = gallery.enroll("Ben", "", second);
-  gallery.enroll("Ben", "", face(3));
+  gallery.enroll("Ben", "", stored_face(3));
   EXPECT_EQ(gallery.model()->body, "subspace");
   EXPECT_NE(gallery.model()->generation, gallery.generation());
   EXPECT_THAT(gallery.faces()[0].features, testing::ElementsAre(1.0F, 2.0F));
@@ -299,8 +290,8 @@ TEST_F(GalleryTest, EnrollingKeepsTheModel) {
 // After a face was forgotten, nothing that was learned from it is stored.
 TEST_F(GalleryTest, RejectsAModelOfRemovedFaces) {
   Gallery gallery(path("p.db"));
-  const auto id = gallery.enroll("Ann", "", face(1));
-  gallery.enroll("Ben", "", face(2));
+  const auto id = gallery.enroll("Ann", "", stored_face(1));
+  gallery.enroll("Ben", "", stored_face(2));
   const auto generation = gallery.generation();
   ASSERT_TRUE(gallery.forget("Ann", {}));
   EXPECT_FALSE(gallery.store_model("late", generation, 0, {{id}}, {}));
@@ -333,7 +324,7 @@ TEST_F(GalleryTest, QueriesUseTheirIndices) {
 // A gallery with the first version of the layout.
 TEST_F(GalleryTest, UpgradesAnOlderVersion) {
   std::int64_t face_id = 0;
-  const StoredFace stored = face(1);
+  const StoredFace stored = stored_face(1);
   {
     const DatabaseKind first{"", 0x54504731, {R"sql(
 CREATE TABLE person(id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL UNIQUE,
@@ -391,7 +382,7 @@ INSERT INTO model VALUES(1, 7, x'78');
 
 TEST_F(GalleryTest, ForgetsSightingsBeforeATime) {
   Gallery gallery(path("p.db"));
-  gallery.enroll("Ann", "", face(1));
+  gallery.enroll("Ann", "", stored_face(1));
   for (int i = 0; i < 10; ++i)
     gallery.add_sighting(i, "rtsp://me:secret@host/x", "Ann", i > 5, 0.5);
   gallery.add_sighting(4, "x", "nobody", false, 0.1);
@@ -407,9 +398,9 @@ TEST_F(GalleryTest, ForgetsSightingsBeforeATime) {
 
 TEST_F(GalleryTest, ExportsEverything) {
   Gallery gallery(path("p.db"));
-  gallery.enroll("../a\"b", "note", face(1));
-  gallery.enroll("../a\"b", "", face(2));
-  gallery.enroll("Ben", "", face(3));
+  gallery.enroll("../a\"b", "note", stored_face(1));
+  gallery.enroll("../a\"b", "", stored_face(2));
+  gallery.enroll("Ben", "", stored_face(3));
   const auto report =
       export_gallery(gallery, path("out"), [](std::int64_t t) { return std::to_string(t); }, {});
   EXPECT_EQ(report.people, 2);
@@ -421,15 +412,16 @@ TEST_F(GalleryTest, ExportsEverything) {
   EXPECT_EQ(json["people"][0]["name"], "../a\"b");
   EXPECT_EQ(json["people"][0]["note"], "note");
   EXPECT_EQ(json["people"][1]["faces"][0]["time"], "1003");
-  EXPECT_EQ(cv::norm(read_gray_image(path("out/person-2/face-3.png")), face(3).crop, cv::NORM_INF),
-            0);
+  EXPECT_EQ(
+      cv::norm(read_gray_image(path("out/person-2/face-3.png")), stored_face(3).crop, cv::NORM_INF),
+      0);
   EXPECT_THROW(export_gallery(gallery, path("out"), [](std::int64_t) { return ""; }, {}),
                OutputError);
 }
 
 TEST_F(GalleryTest, ExportOmitsInvalidMeasures) {
   Gallery gallery(path("p.db"));
-  StoredFace hostile = face(1);
+  StoredFace hostile = stored_face(1);
   hostile.measures = std::string(300'000, '[') + std::string(300'000, ']');
   gallery.enroll("Ann", "", hostile);
   export_gallery(gallery, path("out"), [](std::int64_t) { return "t"; }, {});
@@ -439,7 +431,7 @@ TEST_F(GalleryTest, ExportOmitsInvalidMeasures) {
 
 TEST_F(GalleryTest, InterruptedExportLeavesNothing) {
   Gallery gallery(path("p.db"));
-  gallery.enroll("Ann", "", face(1));
+  gallery.enroll("Ann", "", stored_face(1));
   std::stop_source source;
   source.request_stop();
   EXPECT_THROW(export_gallery(
@@ -451,7 +443,7 @@ TEST_F(GalleryTest, InterruptedExportLeavesNothing) {
 TEST_F(GalleryTest, RejectsInvalidFiles) {
   {
     Gallery gallery(path("p.db"));
-    gallery.enroll("Ann", "", face(1));
+    gallery.enroll("Ann", "", stored_face(1));
   }
   EXPECT_THROW(Gallery(path("none.db"), DatabaseAccess::kRead), InputError);
   std::ofstream(path("text.db")) << std::string(5000, 'x');
@@ -472,7 +464,8 @@ TEST_F(GalleryTest, RejectsInvalidFiles) {
     Database locker(path("p.db"), kind, DatabaseAccess::kWrite, 0);
     const Transaction transaction(locker);
     Gallery waiting(path("p.db"), DatabaseAccess::kWrite, 50);
-    EXPECT_THAT(message_of([&] { waiting.enroll("Ben", "", face(2)); }), HasSubstr("locked"));
+    EXPECT_THAT(message_of([&] { waiting.enroll("Ben", "", stored_face(2)); }),
+                HasSubstr("locked"));
   }
   // Damage inside the file causes an error, never a crash.
   std::string bytes = contents(path("p.db"));

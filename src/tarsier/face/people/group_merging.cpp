@@ -3,8 +3,7 @@
 
 #include "tarsier/core/require.h"
 #include "tarsier/core/statistics.h"
-
-#include <Eigen/Eigenvalues>
+#include "tarsier/linalg/decompositions.h"
 
 #include <algorithm>
 #include <cmath>
@@ -56,12 +55,12 @@ Eigen::MatrixXd scatter_within(const std::vector<Group>& groups) {
 
 void whiten_groups(std::vector<Group>& groups, double floor) {
   const Eigen::MatrixXd within = scatter_within(groups);
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(within);
-  const Eigen::VectorXd variances = solver.eigenvalues().cwiseMax(0);
+  const linalg::SymmetricEigen axes = linalg::symmetric_eigen(within);
+  const Eigen::VectorXd variances = axes.values.cwiseMax(0);
   const double added = std::max(1e-12, floor * variances.mean());
-  const Eigen::MatrixXd whitening = solver.eigenvectors() *
+  const Eigen::MatrixXd whitening = axes.vectors *
                                     (variances.array() + added).rsqrt().matrix().asDiagonal() *
-                                    solver.eigenvectors().transpose();
+                                    axes.vectors.transpose();
   Eigen::RowVectorXd mean = Eigen::RowVectorXd::Zero(within.cols());
   for (const Group& group : groups) mean += group.rows.colwise().mean();
   mean /= static_cast<double>(groups.size());

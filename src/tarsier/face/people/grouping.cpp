@@ -23,6 +23,8 @@ using IdTemplate = std::pair<std::int64_t, std::vector<float>>;
 
 constexpr std::size_t kBatch = 64;  // sightings per transaction
 
+}  // namespace
+
 // Templates of sightings, from stored coordinates or computed from their crops. Sightings that were
 // removed meanwhile are skipped.
 class SightingTemplates {
@@ -82,6 +84,8 @@ class SightingTemplates {
   std::int64_t space_;
   std::size_t count_;
 };
+
+namespace {
 
 // Restores the groups from the gallery.
 SightingGroups stored_groups(Gallery& gallery, const recognition::PairScores& pairs,

@@ -19,7 +19,7 @@ using ::testing::SizeIs;
 
 // Learned from the people who are seen. The random textures of other people have little in common
 // with theirs.
-const recognition::Background& background() {
+const recognition::Background& background_of_the_seen() {
   static const recognition::Background learned = [] {
     const auto many = recognition::synthetic_faces(40, 2, 0.2, 3, 0, {128, 160});
     recognition::BackgroundOptions options;
@@ -45,7 +45,7 @@ class GroupingTest : public FolderTest {
     }
   }
   GroupingReport group(Gallery& gallery) {
-    return group_sightings(gallery, background(), {}, progress_, {});
+    return group_sightings(gallery, background_of_the_seen(), {}, progress_, {});
   }
   static std::map<std::int64_t, std::int64_t> group_of_sightings(Gallery& gallery) {
     std::map<std::int64_t, std::int64_t> out;
@@ -87,7 +87,8 @@ TEST_F(GroupingTest, SecondPassMergesManySightings) {
   strict.false_merges = kFirstPassFalseMergeRate;
   Gallery once(path("once.db"));
   see(once, 12, 0, 6);
-  const GroupingReport first = group_sightings(once, background(), strict, progress_, {});
+  const GroupingReport first =
+      group_sightings(once, background_of_the_seen(), strict, progress_, {});
   const GroupingReport report = group(gallery);
   EXPECT_EQ(report.assigned, 72);
   EXPECT_EQ(report.groups, 12);
@@ -160,7 +161,7 @@ TEST_F(GroupingTest, StepsGiveTheSameGroups) {
   group(whole);
   Gallery pieces(path("pieces.db"));
   see(pieces, 6, 0, 3);
-  SightingGrouping grouping(pieces, background(), {});
+  SightingGrouping grouping(pieces, background_of_the_seen(), {});
   EXPECT_EQ(grouping.pending(), 18);
   EXPECT_TRUE(grouping.step({}, 5));
   EXPECT_EQ(grouping.pending(), 13);
@@ -178,12 +179,12 @@ TEST_F(GroupingTest, StepsGiveTheSameGroups) {
   EXPECT_EQ(grouping.report().groups, 6);
   GroupingOptions wrong;
   wrong.false_merges = 2;
-  EXPECT_THROW(SightingGrouping(pieces, background(), wrong), std::invalid_argument);
+  EXPECT_THROW(SightingGrouping(pieces, background_of_the_seen(), wrong), std::invalid_argument);
 }
 
 TEST_F(GroupingTest, GroupFinderFindsTheGroupOfANewFace) {
   Gallery gallery(path("one.db"));
-  GroupFinder finder(gallery, background());
+  GroupFinder finder(gallery, background_of_the_seen());
   const auto set = recognition::synthetic_faces(6, 5, 0.2, 5, 0, {128, 160});
   EXPECT_EQ(finder.find(set.faces[4], 0.9, {}), 0);  // there are none
   see(gallery, 5, 0, 4);

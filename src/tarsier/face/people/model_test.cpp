@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/testing_long.h"
+#include "tarsier/face/people/testing_gallery.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/background_space.h"
 #include "tarsier/face/recognition/testing_deep.h"
@@ -20,14 +21,6 @@ namespace {
 using recognition::synthetic_faces;
 using ::testing::ElementsAre;
 using ::testing::IsEmpty;
-
-recognition::Background background() {
-  const auto many = synthetic_faces(40, 1, 0.3, 3, 1000, {128, 160});
-  recognition::BackgroundOptions options;
-  options.components = 30;
-  NoProgress progress;
-  return recognition::learn_background(many.faces, options, progress, {});
-}
 
 class GalleryModelTest : public FolderTest {
  protected:
@@ -107,7 +100,7 @@ TEST_F(GalleryModelTest, SmallDeepGalleryIsRetrainedAfterEnrolment) {
 
 TEST_F(GalleryModelTest, RecomputesTemplatesOfAnotherKind) {
   Gallery gallery(path("p.db"));
-  const auto general = background();
+  const auto general = gallery_background();
   const auto deep = deep_background(1);
   enroll(gallery, 3, 1);
   const auto classic =
@@ -129,7 +122,7 @@ TEST_F(GalleryModelTest, RejectsDeepTemplatesWithoutTheirNetwork) {
   Gallery gallery(path("p.db"));
   enroll(gallery, 2, 1);
   gallery.set_algorithm("deep");
-  const auto general = background();
+  const auto general = gallery_background();
   EXPECT_THROW((void)gallery_model(gallery, &general, true, progress_, {}), std::invalid_argument);
   EXPECT_THROW((void)gallery_model(gallery, nullptr, true, progress_, {}), std::invalid_argument);
   const auto one = deep_background(1);
@@ -142,7 +135,7 @@ TEST_F(GalleryModelTest, RejectsDeepTemplatesWithoutTheirNetwork) {
 
 TEST_F(GalleryModelTest, IdentifiesEnrolledPeopleOnly) {
   Gallery gallery(path("p.db"));
-  const auto general = background();
+  const auto general = gallery_background();
   for (const int people : {1, 3}) {
     enroll(gallery, people, 3);
     const auto model = gallery_model(gallery, &general, true, progress_, {});
@@ -162,7 +155,7 @@ TEST_F(GalleryModelTest, IdentifiesEnrolledPeopleOnly) {
 
 TEST_F(GalleryModelTest, StoredModelEqualsTheTrainedModel) {
   Gallery gallery(path("p.db"));
-  const auto general = background();
+  const auto general = gallery_background();
   enroll(gallery, 3, 2);
   const auto trained = gallery_model(gallery, &general, true, progress_, {});
   ASSERT_TRUE(gallery.model());
@@ -174,7 +167,7 @@ TEST_F(GalleryModelTest, StoredModelEqualsTheTrainedModel) {
 
 TEST_F(GalleryModelTest, ForgettingKeepsTheOtherPeople) {
   Gallery gallery(path("p.db"));
-  const auto general = background();
+  const auto general = gallery_background();
   enroll(gallery, 3, 3);
   (void)gallery_model(gallery, &general, true, progress_, {});
   ASSERT_TRUE(gallery.forget("p1", {})->proven());
@@ -187,7 +180,7 @@ TEST_F(GalleryModelTest, ForgettingKeepsTheOtherPeople) {
 // New faces get templates of the learned model; the model stays as it is.
 TEST_F(GalleryModelTest, EnrollingExtendsTheExistingModel) {
   Gallery gallery(path("p.db"));
-  const auto general = background();
+  const auto general = gallery_background();
   enroll(gallery, 3, 3);
   auto model =
       load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {});
@@ -208,7 +201,7 @@ TEST_F(GalleryModelTest, EnrollingExtendsTheExistingModel) {
 // The memory of a running program does not keep a forgotten person.
 TEST_F(GalleryModelTest, FollowerDropsPeopleForgottenElsewhere) {
   Gallery gallery(path("p.db"));
-  const auto general = background();
+  const auto general = gallery_background();
   enroll(gallery, 3, 3);
   GalleryFollower follower(
       gallery, &general,
@@ -236,7 +229,7 @@ TEST_F(GalleryModelTest, FollowerDropsPeopleForgottenElsewhere) {
 TEST_F(GalleryModelTest, LargeGalleryStoresCoordinates) {
   TARSIER_LONG_TEST();
   Gallery gallery(path("p.db"));
-  const auto general = background();
+  const auto general = gallery_background();
   const std::int64_t space = -recognition::fingerprint(general);
   const int people = (kMaxSmallGalleryFaces + 1) / 3 + 1;
   enroll(gallery, people, 3);
@@ -276,7 +269,7 @@ TEST_F(GalleryModelTest, LargeGalleryStoresCoordinates) {
 
 TEST_F(GalleryModelTest, TrainingCanBeInterruptedBeforeEachStep) {
   Gallery gallery(path("p.db"));
-  const auto general = background();
+  const auto general = gallery_background();
   enroll(gallery, 3, 3);
   std::stop_source stop;
   stop.request_stop();
@@ -324,7 +317,7 @@ TEST_F(GalleryModelTest, TrainsClassicalRecognisers) {
 
 TEST_F(GalleryModelTest, FindsDuplicateNames) {
   Gallery gallery(path("p.db"));
-  const auto general = background();
+  const auto general = gallery_background();
   enroll(gallery, 2, 4);
   const auto model = gallery_model(gallery, &general, true, progress_, {});
   const auto again = synthetic_faces(1, 3, 0.2, 123, 1, {128, 160}).faces;

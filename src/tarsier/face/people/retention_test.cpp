@@ -10,7 +10,7 @@ namespace {
 
 using RetentionTest = FolderTest;
 
-StoredFace face() {
+StoredFace plain_face() {
   StoredFace out;
   out.crop = cv::Mat(40, 32, CV_8UC1, cv::Scalar(90));
   out.measures = "{}";
@@ -21,7 +21,7 @@ constexpr std::int64_t kHour = 3'600'000;
 
 TEST_F(RetentionTest, DeletesOldSightingsEveryHour) {
   Gallery gallery(path("p.db"));
-  gallery.enroll("Ann", "", face());
+  gallery.enroll("Ann", "", plain_face());
   SightingRetention retention(gallery, 2 * kHour);
   const std::int64_t start = 100 * kHour;
   std::int64_t longest = 0;
@@ -38,7 +38,7 @@ TEST_F(RetentionTest, DeletesOldSightingsEveryHour) {
 
 TEST_F(RetentionTest, DeletesInSmallBatches) {
   Gallery gallery(path("p.db"));
-  gallery.enroll("Ann", "", face());
+  gallery.enroll("Ann", "", plain_face());
   {
     const DatabaseKind kind{"", 0x54504731, {"", "", ""}};
     Database database(path("p.db"), kind, DatabaseAccess::kWrite);

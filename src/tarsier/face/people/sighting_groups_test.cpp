@@ -20,19 +20,13 @@ namespace {
 using recognition::Background;
 using recognition::Rows;
 
-const Background& background() {
-  static const Background learned = [] {
-    const auto many = recognition::synthetic_faces(80, 1, 0.3, 3, 500);
-    recognition::BackgroundOptions options;
-    options.components = 40;
-    NoProgress quiet;
-    return recognition::learn_background(many.faces, options, quiet, {});
-  }();
+const Background& general_background() {
+  static const Background learned = recognition::synthetic_background();
   return learned;
 }
 
 const recognition::PairScores& pairs() {
-  static const recognition::PairScores scores = recognition::pair_scores(background());
+  static const recognition::PairScores scores = recognition::pair_scores(general_background());
   return scores;
 }
 
@@ -43,7 +37,7 @@ struct SyntheticSightings {
 
 // People with the background's scatter. Each image differs by `noise` times this scatter.
 SyntheticSightings synthetic_sightings(int people, int images, double noise, std::uint64_t seed) {
-  const Background& general = background();
+  const Background& general = general_background();
   const Eigen::Index m = general.basis.rows();
   const Rng rng(seed);
   Rows coordinates(people * images, m + 1);

@@ -35,21 +35,6 @@ constexpr double kMinBoxShare = 0.6;
 constexpr double kMaxMissingShare = 0.25;
 constexpr int kFitStarts = 6;  // the result is their median
 
-// Centre and size of a shape relative to a detector's box, in widths of the box.
-struct BoxOffset {
-  double dx = 0;
-  double dy = 0;
-  double size = 0;
-};
-
-BoxOffset box_offset(const Matrix2Xd& points, const cv::Rect& box) {
-  const Vector2d center = points.rowwise().mean();
-  const double width = box.width;
-  return {(center.x() - box.x - 0.5 * (box.width - 1)) / width,
-          (center.y() - box.y - 0.5 * (box.height - 1)) / width,
-          landmarks::shape_size(points) / width};
-}
-
 bool box_contains_shape(const cv::Rect& box, const Matrix2Xd& points) {
   const Vector2d center = points.rowwise().mean();
   const double size = landmarks::shape_size(points);
@@ -64,13 +49,6 @@ Matrix2Xd place_mean_shape(const Matrix2Xd& mean, const Vector2d& center, double
                                   center.y()};
   return place(mean);
 }
-
-// Errors of the starts in training; as large as those in use.
-struct StartNoise {
-  double shift = 0.12;  // sizes
-  double scale = 0.08;  // log
-  double angle = 0.08;  // radians
-};
 
 bool same_samples(const shape::LandmarkSet& a, const shape::LandmarkSet& b) {
   if (a.samples.size() != b.samples.size()) return false;
@@ -90,6 +68,28 @@ bool same_samples(const shape::LandmarkSet& a, const shape::LandmarkSet& b) {
 }  // namespace
 
 struct Annotator::Impl {
+  // Centre and size of a shape relative to a detector's box, in widths of the box.
+  struct BoxOffset {
+    double dx = 0;
+    double dy = 0;
+    double size = 0;
+
+    static BoxOffset of(const Matrix2Xd& points, const cv::Rect& box) {
+      const Vector2d center = points.rowwise().mean();
+      const double width = box.width;
+      return {(center.x() - box.x - 0.5 * (box.width - 1)) / width,
+              (center.y() - box.y - 0.5 * (box.height - 1)) / width,
+              landmarks::shape_size(points) / width};
+    }
+  };
+
+  // Errors of the starts in training; as large as those in use.
+  struct StartNoise {
+    double shift = 0.12;  // sizes
+    double scale = 0.08;  // log
+    double angle = 0.08;  // radians
+  };
+
   AnnotatorOptions options;
   std::optional<FaceDetector> detector;
   std::map<std::string, std::vector<cv::Rect>> boxes;  // by path; each image is searched once
@@ -197,7 +197,7 @@ struct Annotator::Impl {
       try {
         for (const cv::Rect& box : boxes_of(sample.image)) {
           if (!box_contains_shape(box, sample.points)) continue;
-          const BoxOffset offset = box_offset(sample.points, box);
+          const BoxOffset offset = BoxOffset::of(sample.points, box);
           dx.push_back(offset.dx);
           dy.push_back(offset.dy);
           size.push_back(offset.size);

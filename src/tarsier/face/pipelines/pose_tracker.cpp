@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
+#include "tarsier/core/rounding.h"
 #include "tarsier/face/head/train_head.h"
 #include "tarsier/face/landmarks/faces_json.h"
 #include "tarsier/geometry/frame_camera.h"
@@ -20,8 +21,6 @@ namespace {
 
 constexpr const char* kShippedView = "head-view.json";
 constexpr std::size_t kMinPoints = 6;  // of a head, for its pose
-
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
 
 // `landmarks`: number of landmarks that the view model must have.
 std::shared_ptr<const head_view::ViewModel> load_view(const ModelStore& models,
@@ -133,29 +132,29 @@ nlohmann::ordered_json posed_faces_json(const std::vector<PosedFace>& faces, boo
     const head::HeadPose& pose = *faces[i].pose;
     object["rotation"] = nlohmann::ordered_json::array();
     for (const double value : geometry::row_major(pose.camera_from_head.rotation)) {
-      object["rotation"].push_back(rounded(value, 1e7));
+      object["rotation"].push_back(rounded_to_steps(value, 1e7));
     }
     object["translation"] = nlohmann::ordered_json::array();
     for (const double value : pose.camera_from_head.translation) {
-      object["translation"].push_back(rounded(value, 100));
+      object["translation"].push_back(rounded_to_steps(value, 100));
     }
-    object["yaw"] = rounded(pose.angles.yaw_deg, 100);
-    object["pitch"] = rounded(pose.angles.pitch_deg, 100);
-    object["roll"] = rounded(pose.angles.roll_deg, 100);
-    object["yaw_sigma_deg"] = rounded(pose.yaw_sigma_deg, 100);
-    object["pitch_sigma_deg"] = rounded(pose.pitch_sigma_deg, 100);
-    object["roll_sigma_deg"] = rounded(pose.roll_sigma_deg, 100);
+    object["yaw"] = rounded_to_steps(pose.angles.yaw_deg, 100);
+    object["pitch"] = rounded_to_steps(pose.angles.pitch_deg, 100);
+    object["roll"] = rounded_to_steps(pose.angles.roll_deg, 100);
+    object["yaw_sigma_deg"] = rounded_to_steps(pose.yaw_sigma_deg, 100);
+    object["pitch_sigma_deg"] = rounded_to_steps(pose.pitch_sigma_deg, 100);
+    object["roll_sigma_deg"] = rounded_to_steps(pose.roll_sigma_deg, 100);
     object["sigma_floor_deg"] = nlohmann::ordered_json::array();
     for (const double value : pose.sigma_floor_deg)
-      object["sigma_floor_deg"].push_back(rounded(value, 100));
-    object["rms_px"] = rounded(pose.rms_px, 100);
+      object["sigma_floor_deg"].push_back(rounded_to_steps(value, 100));
+    object["rms_px"] = rounded_to_steps(pose.rms_px, 100);
   }
   return list;
 }
 
 nlohmann::ordered_json to_json(const PoseResult& result) {
   return {{"faces", posed_faces_json(result.faces, result.tracked)},
-          {"ms", rounded(result.ms, 100)}};
+          {"ms", rounded_to_steps(result.ms, 100)}};
 }
 
 PoseTracker::PoseTracker(const PoseModels& models, const PoseTrackerOptions& options)

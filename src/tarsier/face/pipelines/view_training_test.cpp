@@ -27,7 +27,7 @@ PoseTrackerOptions landmarks_alone() {
   return options;
 }
 
-const PoseModels& pose_models() {
+const PoseModels& landmark_pose_models() {
   static const PoseModels shared = load_pose_models(models(), landmarks_alone());
   return shared;
 }
@@ -40,7 +40,7 @@ class ViewTrainingTest : public MessiTest {
   // Draws `count` views of a head, each with its own rotation, scale and mirroring.
   void draw_heads(int count) {
     make_folder(folder_.path() + "/images");
-    const PoseTracker tracker(pose_models(), landmarks_alone());
+    const PoseTracker tracker(landmark_pose_models(), landmarks_alone());
     PoseState state;
     std::ofstream file(truth());
     for (int i = 0; i < count; ++i) {
@@ -70,16 +70,16 @@ class ViewTrainingTest : public MessiTest {
 };
 
 TEST_F(ViewTrainingTest, RejectsRefinementAndGivenCameras) {
-  EXPECT_THROW(ViewTraining(pose_models(), {}), std::invalid_argument);
+  EXPECT_THROW(ViewTraining(landmark_pose_models(), {}), std::invalid_argument);
   PoseTrackerOptions options = landmarks_alone();
   options.camera = geometry::Camera();
-  EXPECT_THROW(ViewTraining(pose_models(), options), std::invalid_argument);
+  EXPECT_THROW(ViewTraining(landmark_pose_models(), options), std::invalid_argument);
 }
 
 TEST_F(ViewTrainingTest, ScoresHeldOutGroups) {
   constexpr int kHeads = 16;
   draw_heads(kHeads);
-  ViewTraining training(pose_models(), landmarks_alone());
+  ViewTraining training(landmark_pose_models(), landmarks_alone());
   EXPECT_TRUE(training.samples().empty());
   training.add_truth(truth(), progress_, {});
   ASSERT_EQ(training.samples().size(), static_cast<std::size_t>(kHeads));
@@ -108,7 +108,7 @@ TEST_F(ViewTrainingTest, PointingTruthIsTheNominalDirection) {
   write_image(folder_.path() + "/person03100-15-30.png", image_);
   write_image(folder_.path() + "/person04100+0+0.png",
               cv::Mat(240, 320, CV_8UC3, cv::Scalar(90, 90, 90)));
-  ViewTraining training(pose_models(), landmarks_alone());
+  ViewTraining training(landmark_pose_models(), landmarks_alone());
   training.add_pointing(folder_.path(), 0.9, progress_, {});
   ASSERT_EQ(training.samples().size(), 1U) << "the other one shows no head";
   EXPECT_EQ(training.samples()[0].group, 3);
@@ -127,7 +127,7 @@ TEST_F(ViewTrainingTest, PointingTruthIsTheNominalDirection) {
 }
 
 TEST_F(ViewTrainingTest, AnnotatedFacesNeedThePointsOfTheLandmarkModel) {
-  ViewTraining training(pose_models(), landmarks_alone());
+  ViewTraining training(landmark_pose_models(), landmarks_alone());
   shape::LandmarkSet set;
   set.samples.emplace_back().image = kMessi;
   set.samples.back().points = Eigen::Matrix2Xd::Zero(2, 5);
@@ -135,7 +135,7 @@ TEST_F(ViewTrainingTest, AnnotatedFacesNeedThePointsOfTheLandmarkModel) {
 
   PoseState state;
   const PoseResult result =
-      PoseTracker(pose_models(), landmarks_alone()).process(frame(0, true), state);
+      PoseTracker(landmark_pose_models(), landmarks_alone()).process(frame(0, true), state);
   set.samples.back().points = result.faces.at(0).face.points;
   training.add_annotated(set, "set.json", progress_, {});
   ASSERT_EQ(training.samples().size(), 1U);

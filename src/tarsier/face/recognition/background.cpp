@@ -23,8 +23,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr const char* kType = "face-background";
-constexpr int kVersion = 1;
+constexpr const char* kBackgroundType = "face-background";
+constexpr int kBackgroundVersion = 1;
 constexpr std::int64_t kMaxNumbers = 20'000;
 
 Eigen::RowVectorXf described(const cv::Mat& face, const BackgroundOptions& options) {
@@ -160,12 +160,13 @@ void write_background(const std::string& path, const Background& background,
                       const json& provenance) {
   background.check();
   TARSIER_REQUIRE(background.basis.rows() > 0, "a background of a mean alone");
-  write_archive(path, {kType, kVersion, provenance, linalg::written(background, list_background)});
+  write_archive(path, {kBackgroundType, kBackgroundVersion, provenance,
+                       linalg::written(background, list_background)});
 }
 
 Background read_background(const std::string& path) {
-  auto out = linalg::read_fields<Background>(read_archive(path, kType, kVersion).payload, path,
-                                             list_background);
+  auto out = linalg::read_fields<Background>(
+      read_archive(path, kBackgroundType, kBackgroundVersion).payload, path, list_background);
   const Eigen::MatrixXd& within = out.within;
   if ((within - within.transpose()).cwiseAbs().maxCoeff() >
       1e-4 * (1e-9 + within.cwiseAbs().maxCoeff()))

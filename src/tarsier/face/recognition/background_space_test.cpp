@@ -13,7 +13,7 @@
 namespace tarsier::face::recognition {
 namespace {
 
-Background background(int people = 40) { return synthetic_background(people, 1000, 30); }
+Background small_background(int people = 40) { return synthetic_background(people, 1000, 30); }
 
 Rows coordinates_of_all(const Background& general, const std::vector<cv::Mat>& faces) {
   Rows rows(static_cast<Eigen::Index>(faces.size()), coordinate_count(general));
@@ -26,7 +26,7 @@ Rows coordinates_of_all(const Background& general, const std::vector<cv::Mat>& f
 }
 
 TEST(BackgroundSpace, CoordinatesKeepTheSquaredLength) {
-  const Background general = background();
+  const Background general = small_background();
   const cv::Mat face = synthetic_faces(1, 1, 0.3, 1).faces[0];
   const std::vector<float> numbers = coordinates_of(general, face);
   ASSERT_EQ(static_cast<int>(numbers.size()), coordinate_count(general));
@@ -45,7 +45,7 @@ TEST(BackgroundSpace, CoordinatesKeepTheSquaredLength) {
 
 // Templates from stored coordinates equal those from the face itself.
 TEST(BackgroundSpace, CoordinatesGiveTheTemplatesOfTheFaces) {
-  const Background general = background();
+  const Background general = small_background();
   const auto set = synthetic_faces(8, 3, 0.3, 1);
   const Rows rows = coordinates_of_all(general, set.faces);
   NoProgress quiet;
@@ -64,7 +64,7 @@ TEST(BackgroundSpace, CoordinatesGiveTheTemplatesOfTheFaces) {
 }
 
 TEST(BackgroundSpace, IdentifiesPeopleAndRejectsImpostors) {
-  const Background general = background();
+  const Background general = small_background();
   const auto set = synthetic_faces(12, 3, 0.3, 1);
   NoProgress quiet;
   const Recognizer model =
@@ -86,7 +86,7 @@ TEST(BackgroundSpace, IdentifiesPeopleAndRejectsImpostors) {
 }
 
 TEST(BackgroundSpace, FingerprintDependsOnBackgroundAndDescriptor) {
-  const Background one = background();
+  const Background one = small_background();
   Background other = one;
   EXPECT_EQ(fingerprint(one), fingerprint(other));
   EXPECT_GT(fingerprint(one), 0);
@@ -101,7 +101,7 @@ TEST(BackgroundSpace, RejectsInvalidInput) {
   const Background mean_only = background_of(synthetic_faces(5, 1, 0, 1).faces, {});
   const cv::Mat face = synthetic_faces(1, 1, 0, 1).faces[0];
   EXPECT_THROW((void)coordinates_of(mean_only, face), std::invalid_argument);
-  const Background general = background();
+  const Background general = small_background();
   NoProgress quiet;
   const std::vector<std::string> labels{"a"};
   EXPECT_THROW((void)train_coordinates(Rows(1, 7), labels, {}, quiet, {}, general),

@@ -15,22 +15,16 @@
 namespace tarsier::face::recognition {
 namespace {
 
-Background background() {
-  const SyntheticFaces many = synthetic_faces(60, 1, 0.3, 3, 1000);
-  BackgroundOptions options;
-  options.components = 50;
-  NoProgress progress;
-  return learn_background(many.faces, options, progress, {});
-}
+Background general_background() { return synthetic_background(60, 1000, 50); }
 
-struct AcceptRates {
+struct MeasuredRates {
   double true_accept_rate = 0;
   double false_accept_rate = 0;
 };
 
 // Shares above the threshold for a false accept rate of 1 %: other images of the enrolled people,
 // and of 30 unknown people.
-AcceptRates accept_rates(const Recognizer& model, int enrolled) {
+MeasuredRates measured_rates(const Recognizer& model, int enrolled) {
   const SyntheticFaces known = synthetic_faces(enrolled, 6, 0.3, 77);
   const SyntheticFaces unknown = synthetic_faces(30, 4, 0.3, 78, 200);
   const double threshold = model.calibration->threshold(0.01, enrolled);
@@ -44,31 +38,31 @@ AcceptRates accept_rates(const Recognizer& model, int enrolled) {
 }
 
 TEST(BackgroundTest, SmallGalleriesRejectImpostors) {
-  const Background general = background();
+  const Background general = general_background();
   NoProgress progress;
   for (const int enrolled : {1, 2, 5}) {
     const SyntheticFaces gallery = synthetic_faces(enrolled, 3, 0.3, 5);
     const Recognizer model = train(gallery.faces, gallery.labels, {}, progress, {}, &general);
     ASSERT_TRUE(model.calibration) << enrolled;
-    const AcceptRates measured = accept_rates(model, enrolled);
+    const MeasuredRates measured = measured_rates(model, enrolled);
     EXPECT_GT(measured.true_accept_rate, 0.9) << enrolled;
     EXPECT_LE(measured.false_accept_rate, 0.03) << enrolled;
   }
 }
 
 TEST(BackgroundTest, OneImageSuffices) {
-  const Background general = background();
+  const Background general = general_background();
   NoProgress progress;
   const SyntheticFaces gallery = synthetic_faces(1, 1, 0.3, 5);
   const Recognizer model = train(gallery.faces, gallery.labels, {}, progress, {}, &general);
-  const AcceptRates measured = accept_rates(model, 1);
+  const MeasuredRates measured = measured_rates(model, 1);
   EXPECT_GT(measured.true_accept_rate, 0.8);
   EXPECT_LE(measured.false_accept_rate, 0.03);
 }
 
 TEST(BackgroundTest, IsDeterministic) {
-  const Background a = background();
-  const Background b = background();
+  const Background a = general_background();
+  const Background b = general_background();
   EXPECT_EQ(a.basis, b.basis);
   EXPECT_EQ(a.within, b.within);
 }
@@ -84,7 +78,7 @@ TEST(BackgroundTest, RelitFaceKeepsItsSize) {
 TEST(BackgroundTest, RoundTripAndInvalidFiles) {
   const TemporaryFolder folder;
   const std::string path = folder / "b.json";
-  const Background written = background();
+  const Background written = general_background();
   write_background(path, written, nlohmann::json::object());
   const Background read = read_background(path);
   EXPECT_EQ(read.basis, written.basis);
@@ -101,7 +95,7 @@ TEST(BackgroundTest, RoundTripAndInvalidFiles) {
 }
 
 TEST(BackgroundTest, RejectsInconsistentParts) {
-  Background general = background();
+  Background general = general_background();
   general.variance.resize(3);
   const SyntheticFaces gallery = synthetic_faces(2, 2, 0.3, 5);
   NoProgress progress;

@@ -22,7 +22,6 @@
 #include <mutex>
 #include <string_view>
 #include <sys/stat.h>
-#include <system_error>
 #include <unistd.h>
 #include <utility>
 
@@ -60,8 +59,6 @@ std::size_t stride_of(int dimension) {
 }
 
 std::size_t row_bytes(int dimension) { return kRowBytes + stride_of(dimension); }
-
-std::string reason_of(int error) { return std::generic_category().message(error); }
 
 // Four interleaved hashes of 8-byte words. Each step is bijective, so that any change of one word
 // changes the sum.
@@ -185,7 +182,7 @@ class Output {
 
  private:
   [[noreturn]] void fail(const char* doing) const {
-    throw OutputError(path_, fmt::format("{}: {}", doing, reason_of(errno)));
+    throw OutputError(path_, fmt::format("{}: {}", doing, errno_text(errno)));
   }
   std::string path_;
   int fd_ = -1;
@@ -372,7 +369,7 @@ CellIndexReport write_cell_index(const std::string& path, int dimension, std::in
 
 CellIndex::CellIndex(const std::string& path) : path_(path) {
   fd_ = ::open(path_.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
-  if (fd_ < 0) throw InputError(path_, "cannot be read: " + reason_of(errno));
+  if (fd_ < 0) throw InputError(path_, "cannot be read: " + errno_text(errno));
   try {
     read_head();
   } catch (...) {

@@ -23,19 +23,19 @@ using ::testing::ElementsAre;
 using ::testing::SizeIs;
 
 constexpr int kDimension = 40;
-constexpr int kImages = 3;
+constexpr int kImagesPerPerson = 3;
 
-// People with `kImages` templates each, of length 1.
+// People with `kImagesPerPerson` templates each, of length 1.
 Rows random_templates(int people, std::uint64_t seed = 1) {
-  Rows rows(people * kImages, kDimension);
+  Rows rows(people * kImagesPerPerson, kDimension);
   for (int p = 0; p < people; ++p) {
     Rng person(seed + static_cast<std::uint64_t>(p));
     Eigen::RowVectorXf middle(kDimension);
     for (int i = 0; i < kDimension; ++i) middle(i) = static_cast<float>(person.normal());
-    for (int k = 0; k < kImages; ++k) {
+    for (int k = 0; k < kImagesPerPerson; ++k) {
       for (int i = 0; i < kDimension; ++i)
-        rows(p * kImages + k, i) = middle(i) + 0.4F * static_cast<float>(person.normal());
-      rows.row(p * kImages + k).normalize();
+        rows(p * kImagesPerPerson + k, i) = middle(i) + 0.4F * static_cast<float>(person.normal());
+      rows.row(p * kImagesPerPerson + k).normalize();
     }
   }
   return rows;
@@ -116,8 +116,8 @@ TEST_F(CellIndexTest, FindsIndexedTemplates) {
     EXPECT_EQ(near.front().id, 10 * (i + 1));
     EXPECT_NEAR(near.front().score, 1, 0.02);
     // The other templates of the same person.
-    for (std::size_t k = 1; k < kImages; ++k)
-      found += (near[k].id / 10 - 1) / kImages == i / kImages;
+    for (std::size_t k = 1; k < kImagesPerPerson; ++k)
+      found += (near[k].id / 10 - 1) / kImagesPerPerson == i / kImagesPerPerson;
   }
   EXPECT_GT(found, 2 * 1500 * 0.95);
 }

@@ -12,8 +12,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr const char* kType = "face-recognizer";
-constexpr int kVersion = 1;
+constexpr const char* kRecognizerType = "face-recognizer";
+constexpr int kRecognizerVersion = 1;
 constexpr std::int64_t kMaxPeople = 1'000'000;
 constexpr std::size_t kMaxLabelBytes = 65'536;
 
@@ -95,7 +95,7 @@ json to_payload(const Recognizer& model) {
 }  // namespace
 
 void write_recognizer(const std::string& path, const Recognizer& model, const json& provenance) {
-  write_archive(path, {kType, kVersion, provenance, to_payload(model)});
+  write_archive(path, {kRecognizerType, kRecognizerVersion, provenance, to_payload(model)});
 }
 
 std::string recognizer_text(const Recognizer& model) { return to_payload(model).dump(); }
@@ -111,7 +111,7 @@ Recognizer recognizer_from_text(std::string_view text, const std::string& path) 
 }
 
 Recognizer read_recognizer(const std::string& path) {
-  const Archive archive = read_archive(path, kType, kVersion);
+  const Archive archive = read_archive(path, kRecognizerType, kRecognizerVersion);
   try {
     return from_payload(archive.payload, path);
   } catch (const std::invalid_argument& error) {

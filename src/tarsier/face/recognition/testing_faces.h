@@ -63,15 +63,16 @@ inline SyntheticFaces synthetic_faces(int people, int images, double light, std:
         }
       }
       out.faces.push_back(face);
-      out.labels.push_back("p" + std::to_string(p));
+      out.labels.push_back(std::string("p").append(std::to_string(p)));
     }
   }
   return out;
 }
 
 // Learned from people `first` .. first + people - 1.
-inline Background synthetic_background(int people = 80, int first = 500, int components = 40) {
-  const auto many = synthetic_faces(people, 1, 0.3, 3, first);
+inline Background synthetic_background(int people = 80, int first = 500, int components = 40,
+                                       cv::Size size = {64, 80}) {
+  const auto many = synthetic_faces(people, 1, 0.3, 3, first, size);
   BackgroundOptions options;
   options.components = components;
   NoProgress quiet;

@@ -19,9 +19,8 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr const char* kType = "landmark-set";
-constexpr int kVersion = 1;
-constexpr double kMaxCoordinate = 1e7;  // px
+constexpr const char* kLandmarkSetType = "landmark-set";
+constexpr int kLandmarkSetVersion = 1;
 constexpr std::size_t kMaxPathBytes = 4096;
 constexpr ArchiveLimits kLimits{256'000'000, 16, 50'000'000};
 
@@ -192,7 +191,8 @@ std::string image_path(const std::string& set_path, const LandmarkSample& sample
 
 LandmarkSet read_landmark_set(const std::string& path) {
   try {
-    return set_from_json(read_archive(path, kType, kVersion, kLimits).payload, path);
+    return set_from_json(read_archive(path, kLandmarkSetType, kLandmarkSetVersion, kLimits).payload,
+                         path);
   } catch (const ModelError& error) {
     // A set is user data, not a model: another exit status with the same text.
     const std::string prefix = path + ": ";
@@ -207,8 +207,8 @@ void write_landmark_set(const std::string& path, const LandmarkSet& set, const s
   std::error_code error;
   const fs::path folder = fs::absolute(path, error).lexically_normal().parent_path();
   Archive archive;
-  archive.type = kType;
-  archive.version = kVersion;
+  archive.type = kLandmarkSetType;
+  archive.version = kLandmarkSetVersion;
   archive.provenance = json::object();
   archive.payload["mirror"] = set.mirror;
   archive.payload["connections"] = set.connections;

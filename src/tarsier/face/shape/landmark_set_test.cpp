@@ -24,7 +24,8 @@ namespace {
 using nlohmann::json;
 using ::testing::HasSubstr;
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+// Both coordinates of a missing point.
+constexpr double kMissing = std::numeric_limits<double>::quiet_NaN();
 
 LandmarkSet small_set() {
   LandmarkSet set;
@@ -38,7 +39,7 @@ LandmarkSet small_set() {
   sample.box = cv::Rect2d(4, 3, 20.5, 10);
   set.samples.push_back(sample);
   sample.image = "below/b.png";
-  sample.points.col(1).setConstant(kNan);
+  sample.points.col(1).setConstant(kMissing);
   sample.person.clear();
   sample.box.reset();
   set.samples.push_back(sample);
@@ -237,7 +238,7 @@ TEST_F(LandmarkFile, SheetShowsImagesPointsAndReasons) {
 TEST(DrawLandmarks, ColoursLeftAndRightPoints) {
   cv::Mat image = cv::Mat::zeros(60, 100, CV_8UC3);
   Eigen::Matrix2Xd points(2, 4);
-  points << 20, 80, 50, kNan, 30, 30, 30, kNan;
+  points << 20, 80, 50, kMissing, 30, 30, 30, kMissing;
   LandmarkStyle style;
   style.symmetry = true;
   style.radius_px = 5;

@@ -6,11 +6,12 @@
 #include <string>
 #include <vector>
 
-// Symmetry and connections of landmark sets and shape models: checks and JSON. For the .cpp files
-// of this module.
+// Limits of points, and symmetry and connections of landmark sets and shape models: checks and JSON.
+// For the .cpp files of this module.
 namespace tarsier::face::shape {
 
 inline constexpr int kMaxPoints = 10000;
+inline constexpr double kMaxCoordinate = 1e7;  // px
 
 // Throw std::invalid_argument unless all indices are within `points` points, and the mirror is
 // empty or an involution of all points.

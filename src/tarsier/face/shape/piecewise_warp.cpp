@@ -2,6 +2,7 @@
 #include "tarsier/face/shape/piecewise_warp.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/face/shape/markup_check.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,7 +15,6 @@ namespace {
 
 // Barycentric coordinates down to this value count as on the edge.
 constexpr double kEdgeTolerance = -1e-9;
-constexpr double kMaxCoordinate = 1e7;  // px
 
 // Barycentric coordinates of a triangle as affine functions of the position: the second is bx x +
 // by y + b0, the third cx x + cy y + c0, the first 1 minus both.

@@ -10,8 +10,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr const char* kType = "shape-model";
-constexpr int kVersion = 1;
+constexpr const char* kShapeModelType = "shape-model";
+constexpr int kShapeModelVersion = 1;
 
 void list_shape_model(linalg::ModelFields& file, ShapeModel& model) {
   file.matrix("mean", model.mean, 2, -1);
@@ -41,11 +41,12 @@ ShapeModel shape_model_from_json(const json& value, const std::string& path) {
 }
 
 void write_shape_model(const std::string& path, const ShapeModel& model, const json& provenance) {
-  write_archive(path, {kType, kVersion, provenance, to_json(model)});
+  write_archive(path, {kShapeModelType, kShapeModelVersion, provenance, to_json(model)});
 }
 
 ShapeModel read_shape_model(const std::string& path) {
-  return shape_model_from_json(read_archive(path, kType, kVersion).payload, path);
+  return shape_model_from_json(read_archive(path, kShapeModelType, kShapeModelVersion).payload,
+                               path);
 }
 
 }  // namespace tarsier::face::shape

@@ -2,6 +2,7 @@
 #include "tarsier/face/shape/text_files.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/face/shape/markup_check.h"
 #include "tarsier/media/image_file.h"
 
 #include <fmt/format.h>
@@ -17,8 +18,6 @@ namespace tarsier::face::shape {
 namespace {
 
 constexpr std::int64_t kMaxBytes = 64'000'000;
-constexpr double kMaxCoordinate = 1e7;
-constexpr int kMaxPoints = 10000;
 constexpr int kMaxShapes = 1000000;
 
 // Lines of numbers, without empty lines and comments.

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/rng.h"
 #include "tarsier/planar/calibration/lens_fit.h"
+#include "tarsier/planar/calibration/testing_camera.h"
 #include "tarsier/synth/boards.h"
 
 #include <gmock/gmock.h>
@@ -20,10 +21,6 @@ using geometry::Lens;
 using ::testing::HasSubstr;
 
 const BoardSpec kChess = parse_board("chess:9x6", 0.025);
-
-Camera phone() {
-  return {640, 480, 520.5, 518.25, 321, 238.5, {-0.28, 0.09, 1e-3, -2e-3, -0.01}, 0};
-}
 
 Camera wide() {
   return {640, 480, 250, 251, 318, 242, {0.03, -0.01, 2e-3, -5e-4}, 0, Lens::kFisheye};

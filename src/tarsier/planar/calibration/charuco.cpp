@@ -15,9 +15,8 @@ namespace tarsier::planar::calibration {
 namespace {
 
 // Share of the white margin between a corner and the nearest marker.
-constexpr double kWindow = 0.95;
-constexpr int kMaxHalfWindow_px = 11;  // px, half the window
-constexpr double kMinSquare = 10;      // px
+constexpr double kMarginWindow = 0.95;
+constexpr double kMinSquare = 10;  // px
 constexpr double kMaxDistance_squares =
     2.2;  // squares, from a marker's centre to a corner it predicts
 constexpr double kMaxDisagreement_squares =
@@ -103,7 +102,7 @@ BoardView find_charuco(const cv::Mat& gray, const BoardSpec& spec, int min_corne
     const auto at = predict(located, cv::Point2d(index % width + 1, index / width + 1));
     if (!at) continue;
     const double rim = 0.5 * (1 - spec.ratio) * at->square_px;
-    const int half = std::clamp(cvFloor(kWindow * rim), 2, kMaxHalfWindow_px);
+    const int half = std::clamp(cvFloor(kMarginWindow * rim), 2, kMaxHalfWindow_px);
     const cv::Rect2d inside(half + 2, half + 2, gray.cols - 2 * half - 4, gray.rows - 2 * half - 4);
     if (at->square_px < kMinSquare || !inside.contains(at->pixel)) continue;
     std::vector<cv::Point2f> pixel{at->pixel};

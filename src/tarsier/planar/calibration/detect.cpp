@@ -19,9 +19,9 @@
 namespace tarsier::planar::calibration {
 namespace {
 
-constexpr int kMinSide = 16;     // px
-constexpr double kWindow = 0.4;  // of a square, so that it excludes neighbouring saddle points
-constexpr int kMaxHalfWindow_px = 11;  // px, half the window
+constexpr int kMinImageSide = 16;  // px
+constexpr double kSquareWindow =
+    0.4;  // of a square, so that it excludes neighbouring saddle points
 
 // The image, reduced so that its larger side is at most `side` px, and the scale full / reduced.
 struct Reduced {
@@ -33,8 +33,8 @@ struct Reduced {
     if (larger <= side) return;
     const double factor = static_cast<double>(larger) / side;
     cv::resize(full, gray,
-               {std::max(kMinSide, cvRound(full.cols / factor)),
-                std::max(kMinSide, cvRound(full.rows / factor))},
+               {std::max(kMinImageSide, cvRound(full.cols / factor)),
+                std::max(kMinImageSide, cvRound(full.rows / factor))},
                0, 0, cv::INTER_AREA);
     scale = static_cast<double>(full.cols) / gray.cols;
   }
@@ -184,7 +184,7 @@ bool search_chess(const cv::Mat& gray, const cv::Size& grid, bool retry,
 
 // Fails if corners moved far: they have converged to another corner or to the background.
 bool refine(const cv::Mat& gray, std::vector<cv::Point2f>& pixels, double spacing) {
-  const int half = std::clamp(cvFloor(kWindow * spacing), 1, kMaxHalfWindow_px);
+  const int half = std::clamp(cvFloor(kSquareWindow * spacing), 1, kMaxHalfWindow_px);
   const std::vector<cv::Point2f> before = pixels;
   cv::cornerSubPix(gray, pixels, {half, half}, {-1, -1},
                    {cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 60, 1e-3});
@@ -329,7 +329,7 @@ BoardView find_board(const cv::Mat& image, const BoardSpec& spec, const FindOpti
   spec.check();
   options.check();
   const cv::Mat gray = gray_of(image);
-  if (std::min(gray.cols, gray.rows) < kMinSide) return {};
+  if (std::min(gray.cols, gray.rows) < kMinImageSide) return {};
   switch (spec.kind) {
     case BoardKind::kChess:
       return find_chess(gray, spec, options);
@@ -388,7 +388,7 @@ std::vector<std::string> other_chess_sizes(const cv::Mat& image, const BoardSpec
   std::vector<std::string> sizes;
   if (spec.kind != BoardKind::kChess) return sizes;
   const Reduced reduced(gray_of(image), 640);
-  if (std::min(reduced.gray.cols, reduced.gray.rows) < kMinSide) return sizes;
+  if (std::min(reduced.gray.cols, reduced.gray.rows) < kMinImageSide) return sizes;
   constexpr std::array<std::array<int, 2>, 8> kSteps{
       {{-1, -1}, {-1, 0}, {0, -1}, {1, 0}, {0, 1}, {1, 1}, {-2, 0}, {0, -2}}};
   std::vector<cv::Point2f> pixels;

@@ -5,6 +5,7 @@
 #include "tarsier/core/testing_long.h"
 #include "tarsier/planar/calibration/calibrate.h"
 #include "tarsier/planar/calibration/draw_board.h"
+#include "tarsier/planar/calibration/testing_camera.h"
 #include "tarsier/synth/boards.h"
 
 #include <gmock/gmock.h>
@@ -21,10 +22,6 @@ namespace {
 
 using geometry::Camera;
 using ::testing::Contains;
-
-Camera phone() {
-  return {640, 480, 520.5, 518.25, 321, 238.5, {-0.28, 0.09, 1e-3, -2e-3, -0.01}, 0};
-}
 
 // Root mean square distance from the exact points, which are identified by number. A whole board
 // that looks the same upside down is compared in the better of its two orders.

@@ -177,7 +177,7 @@ class Derivatives {
 };
 
 // The equations of all views with their poses eliminated: S x = right.
-struct Reduced {
+struct ReducedEquations {
   Block s;
   Eigen::VectorXd right;
 };
@@ -188,8 +188,8 @@ Eigen::Matrix<double, 6, 6> damped(const Eigen::Matrix<double, 6, 6>& block, dou
   return result;
 }
 
-Reduced reduce(const std::vector<ViewEquations>& all, Eigen::Index n, double damping) {
-  Reduced r{Block::Zero(n, n), Eigen::VectorXd::Zero(n)};
+ReducedEquations reduce(const std::vector<ViewEquations>& all, Eigen::Index n, double damping) {
+  ReducedEquations r{Block::Zero(n, n), Eigen::VectorXd::Zero(n)};
   for (const ViewEquations& e : all) {
     r.s += e.lens;
     r.right += e.lens_right;
@@ -251,7 +251,7 @@ FitResult fit_lens(Camera& camera, std::vector<FitView>& views, const FitOptions
         if (view.used) equations.push_back(derivatives.of(view, loss));
       is_fresh = true;
     }
-    const Reduced reduced = reduce(equations, n, damping);
+    const ReducedEquations reduced = reduce(equations, n, damping);
     Block s = reduced.s;
     for (Eigen::Index k = 0; k < n; ++k)
       if (!moves[static_cast<std::size_t>(k)]) s(k, k) = 1;

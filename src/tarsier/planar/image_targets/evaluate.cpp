@@ -2,6 +2,7 @@
 #include "tarsier/planar/image_targets/evaluate.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/rounding.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/image_file.h"
 
@@ -18,8 +19,6 @@ namespace tarsier::planar::image_targets {
 namespace {
 
 using nlohmann::json;
-
-double rounded(double v, double steps) { return std::round(v * steps) / steps; }
 
 std::vector<double> numbers(const json& object, const char* name, const std::string& path,
                             std::size_t min_count, std::size_t max_count) {
@@ -60,16 +59,17 @@ nlohmann::ordered_json target_json(const Target& target, std::size_t id,
   out["id"] = id;
   out["name"] = target.name;
   auto& list = out["corners"] = nlohmann::ordered_json::array();
-  for (const cv::Point2d& c : corners) list.push_back({rounded(c.x, 1e4), rounded(c.y, 1e4)});
+  for (const cv::Point2d& c : corners)
+    list.push_back({rounded_to_steps(c.x, 1e4), rounded_to_steps(c.y, 1e4)});
   const cv::Matx33d h = target.from_original_image(homography);
   out["homography"] = std::vector<double>(h.val, h.val + 9);
-  out["confidence"] = rounded(confidence, 1e3);
+  out["confidence"] = rounded_to_steps(confidence, 1e3);
   if (pose != nullptr) {
     const Eigen::Vector3d turn = geometry::rotation_vector(pose->camera_from_plane.rotation);
     const Eigen::Vector3d& t = pose->camera_from_plane.translation;
     out["rvec"] = {turn[0], turn[1], turn[2]};
     out["tvec"] = {t[0], t[1], t[2]};
-    out["rms_px"] = rounded(pose->rms_px, 1e4);
+    out["rms_px"] = rounded_to_steps(pose->rms_px, 1e4);
   }
   return out;
 }

@@ -4,6 +4,7 @@
 #include "tarsier/planar/image_targets/detect.h"
 #include "tarsier/planar/image_targets/quality.h"
 #include "tarsier/planar/image_targets/target_io.h"
+#include "tarsier/planar/image_targets/testing_corners.h"
 #include "tarsier/planar/image_targets/train.h"
 #include "tarsier/synth/planar_images.h"
 #include "tarsier/synth/planar_source.h"
@@ -42,12 +43,6 @@ synth::PlanarStill still(synth::PlanarLevel level, std::uint64_t seed, double hi
   options.tilt_deg = 55;
   options.hidden_share = hidden;
   return synth::print_still({synth::poster_print(0, 5)}, options, level, seed);
-}
-
-double corner_rms(const std::array<cv::Point2d, 4>& a, const std::array<cv::Point2d, 4>& b) {
-  double sum = 0;
-  for (std::size_t i = 0; i < 4; ++i) sum += (a[i] - b[i]).dot(a[i] - b[i]);
-  return std::sqrt(sum / 4);
 }
 
 TEST(Target, IsDetectedWithSubpixelAccuracy) {

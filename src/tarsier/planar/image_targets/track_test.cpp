@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/planar/image_targets/track.h"
 
+#include "tarsier/planar/image_targets/testing_corners.h"
 #include "tarsier/planar/image_targets/train.h"
 #include "tarsier/synth/planar_source.h"
 #include "tarsier/synth/planar_worlds.h"
@@ -36,12 +37,6 @@ synth::PlanarVideo video(int prints, double speed) {
     list.back().id = i;
   }
   return synth::print_video(std::move(list), options);
-}
-
-double corner_rms(const std::array<cv::Point2d, 4>& a, const std::array<cv::Point2d, 4>& b) {
-  double sum = 0;
-  for (std::size_t i = 0; i < 4; ++i) sum += (a[i] - b[i]).dot(a[i] - b[i]);
-  return std::sqrt(sum / 4);
 }
 
 TEST(TargetTracking, TracksMovingCameraWithoutDrift) {

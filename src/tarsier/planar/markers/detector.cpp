@@ -16,8 +16,6 @@ constexpr double kMaxFalsePositiveProbability = 0.005;
 constexpr double kMaxBlurredFalsePositiveProbability =
     0.02;  // the correlation of the whole marker decides
 
-Eigen::Vector2d center_of(const Quad& quad) { return (quad[0] + quad[1] + quad[2] + quad[3]) / 4; }
-
 double size_of(const Quad& quad) { return (quad[0] - quad[2]).norm() / std::sqrt(2.0); }
 
 bool is_better(const Marker& a, const Marker& b) {

@@ -16,10 +16,6 @@ std::vector<cv::Point2d> pixels_of(const Quad& quad) {
   return pixels;
 }
 
-Eigen::Vector2d center_of(const Quad& quad) {
-  return 0.25 * (quad[0] + quad[1] + quad[2] + quad[3]);
-}
-
 double ambiguity_of(const geometry::PlanarPose& pose,
                     const std::optional<geometry::PlanarPose>& other) {
   if (!other) return 0;

@@ -16,6 +16,10 @@ namespace tarsier::planar::markers {
 
 using Quad = std::array<Eigen::Vector2d, 4>;  // px, clockwise in the image (x right, y down)
 
+[[nodiscard]] inline Eigen::Vector2d center_of(const Quad& quad) {
+  return (quad[0] + quad[1] + quad[2] + quad[3]) / 4;
+}
+
 struct QuadOptions {
   double min_side_px = 9;  // of the shortest side
   // Minimum difference of black and white, grey levels; see OutlineOptions.

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/rounding.h"
 #include "tarsier/geometry/rigid3.h"
 #include "tarsier/planar/pipelines/calibrator.h"
 
-#include <cmath>
 #include <nlohmann/json.hpp>
 #include <span>
 
@@ -10,8 +10,6 @@ namespace tarsier::planar {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
 
 Json list_of(std::span<const double> numbers) {
   Json list = Json::array();
@@ -27,7 +25,7 @@ nlohmann::ordered_json to_json(const CalibrationResult& result, const Calibratio
     line["image"] = image.name;
   } else {
     line["frame"] = image.index;
-    line["time"] = rounded(image.time, 1e3);
+    line["time"] = rounded_to_steps(image.time, 1e3);
   }
   line["found"] = image.found;
   line["used"] = image.reason.empty() && result.ok();
@@ -37,15 +35,15 @@ nlohmann::ordered_json to_json(const CalibrationResult& result, const Calibratio
     const calibration::ViewReport& report = result.calibration.views[image.view];
     if (report.state != calibration::ViewState::kNoPose && result.ok()) {
       line["dropped"] = report.dropped;
-      line["rms"] = rounded(report.rms, 1e4);
-      line["tilt"] = rounded(report.tilt_deg, 10);
+      line["rms"] = rounded_to_steps(report.rms, 1e4);
+      line["tilt"] = rounded_to_steps(report.tilt_deg, 10);
       const Eigen::Vector3d rotation = geometry::rotation_vector(report.camera_from_board.rotation);
       const Eigen::Vector3d& t = report.camera_from_board.translation;
       line["rvec"] = {rotation[0], rotation[1], rotation[2]};
       line["tvec"] = {t[0], t[1], t[2]};
     }
   }
-  line["ms"] = rounded(image.ms, 100);
+  line["ms"] = rounded_to_steps(image.ms, 100);
   return line;
 }
 
@@ -55,7 +53,7 @@ nlohmann::ordered_json to_json(const CalibrationResult& result) {
     return {{"board", result.board.text()},
             {"refusal", result.calibration.refusal},
             {"images", result.images.size()},
-            {"coverage", rounded(coverage.share(), 1e3)},
+            {"coverage", rounded_to_steps(coverage.share(), 1e3)},
             {"missing", coverage.missing()}};
   }
   const geometry::Camera& camera = result.calibration.camera;
@@ -69,7 +67,7 @@ nlohmann::ordered_json to_json(const CalibrationResult& result) {
           {"cx", camera.cx},
           {"cy", camera.cy},
           {"distortion", list_of(camera.coefficients())},
-          {"rms", rounded(camera.rms, 1e6)},
+          {"rms", rounded_to_steps(camera.rms, 1e6)},
           {"deviations",
            {{"fx", d.fx},
             {"fy", d.fy},
@@ -78,7 +76,7 @@ nlohmann::ordered_json to_json(const CalibrationResult& result) {
             {"distortion", list_of({d.distortion.data(), camera.coefficients().size()})}}},
           {"images", result.images.size()},
           {"used", result.calibration.used},
-          {"coverage", rounded(coverage.share(), 1e3)},
+          {"coverage", rounded_to_steps(coverage.share(), 1e3)},
           {"missing", coverage.missing()},
           {"warnings", result.calibration.warnings}};
 }

@@ -25,7 +25,7 @@ const cv::Size kSize{480, 360};
 
 BoardSpec board() { return calibration::parse_board("chess:9x6", 0.025); }
 
-synth::BoardVideo video() { return {kSize, board(), 1}; }
+synth::BoardVideo board_video() { return {kSize, board(), 1}; }
 
 CalibratorOptions options() {
   CalibratorOptions options;
@@ -43,7 +43,7 @@ CalibratorOptions live_options() {
 const std::vector<cv::Mat>& stills() {
   static const std::vector<cv::Mat> images = [] {
     std::vector<cv::Mat> list;
-    const geometry::Camera camera = video().camera();
+    const geometry::Camera camera = board_video().camera();
     const synth::BoardRenderer renderer(camera, board());
     for (const geometry::Rigid3& pose : synth::board_poses(camera, board(), 8, 3))
       list.push_back(renderer.render(pose, {}));
@@ -79,7 +79,7 @@ TEST(Calibrator, CalibratesFromImages) {
             ViewDecision::kNoBoard);
   const auto result = calibrator.calibrate(state);
   ASSERT_TRUE(result.ok()) << result.calibration.refusal;
-  EXPECT_NEAR(result.calibration.camera.fx / video().camera().fx, 1, 5e-3);
+  EXPECT_NEAR(result.calibration.camera.fx / board_video().camera().fx, 1, 5e-3);
   EXPECT_EQ(result.calibration.used, 8);
   EXPECT_EQ(result.images.size(), 9U);
   EXPECT_EQ(result.coverage.views, 8);
@@ -120,7 +120,7 @@ TEST(Calibrator, AcceptsNewViewsOfVideo) {
   EXPECT_EQ(found, 6);
   const auto result = calibrator.calibrate(state);
   ASSERT_TRUE(result.ok()) << result.calibration.refusal;
-  EXPECT_NEAR(result.calibration.camera.fx / video().camera().fx, 1, 1e-2);
+  EXPECT_NEAR(result.calibration.camera.fx / board_video().camera().fx, 1, 1e-2);
 }
 
 TEST(Calibrator, SharperViewReplacesSimilarOne) {
@@ -138,7 +138,7 @@ TEST(Calibrator, SharperViewReplacesSimilarOne) {
   EXPECT_FALSE(state.images[0].found);
   EXPECT_EQ(state.images[0].reason, "alike");
   EXPECT_TRUE(state.images[1].found);
-  // In another video, the same position is new.
+  // In another board_video, the same position is new.
   EXPECT_EQ(calibrator.process(moment(stills()[0], 0, "other.mp4"), state).decision,
             ViewDecision::kAccepted);
   EXPECT_EQ(state.views.size(), 2U);

@@ -2,6 +2,7 @@
 #include "tarsier/planar/pipelines/marker_tracker.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/rounding.h"
 #include "tarsier/geometry/frame_camera.h"
 #include "tarsier/geometry/rigid3.h"
 #include "tarsier/geometry/scaled_camera.h"
@@ -11,7 +12,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include <chrono>
-#include <cmath>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -20,10 +20,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
-
-Json list_of(const Eigen::Vector3d& v) {
-  return {rounded(v[0], 1e7), rounded(v[1], 1e7), rounded(v[2], 1e7)};
+Json rounded_list(const Eigen::Vector3d& v) {
+  return {rounded_to_steps(v[0], 1e7), rounded_to_steps(v[1], 1e7), rounded_to_steps(v[2], 1e7)};
 }
 
 Json marker_json(const TrackedMarker& tracked, bool names_family) {
@@ -31,16 +29,17 @@ Json marker_json(const TrackedMarker& tracked, bool names_family) {
   if (names_family) object["family"] = tracked.family;
   object["corners"] = Json::array();
   for (const Eigen::Vector2d& p : tracked.marker.corners)
-    object["corners"].push_back({rounded(p.x(), 1e4), rounded(p.y(), 1e4)});
+    object["corners"].push_back({rounded_to_steps(p.x(), 1e4), rounded_to_steps(p.y(), 1e4)});
   if (tracked.pose) {
     const geometry::Rigid3& pose = tracked.pose->camera_from_marker;
-    object["rvec"] = list_of(geometry::rotation_vector(pose.rotation));
-    object["tvec"] = list_of(pose.translation);
-    object["errors"] = {rounded(tracked.pose->rms_px, 1e4)};
-    if (tracked.pose->other) object["errors"].push_back(rounded(tracked.pose->other->rms_px, 1e4));
-    object["ambiguity"] = rounded(tracked.pose->ambiguity, 1e4);
+    object["rvec"] = rounded_list(geometry::rotation_vector(pose.rotation));
+    object["tvec"] = rounded_list(pose.translation);
+    object["errors"] = {rounded_to_steps(tracked.pose->rms_px, 1e4)};
+    if (tracked.pose->other)
+      object["errors"].push_back(rounded_to_steps(tracked.pose->other->rms_px, 1e4));
+    object["ambiguity"] = rounded_to_steps(tracked.pose->ambiguity, 1e4);
   }
-  object["margin"] = rounded(tracked.marker.margin, 1e4);
+  object["margin"] = rounded_to_steps(tracked.marker.margin, 1e4);
   return object;
 }
 
@@ -65,7 +64,7 @@ nlohmann::ordered_json to_json(const MarkerResult& result) {
   Json list = Json::array();
   for (const TrackedMarker& tracked : result.markers)
     list.push_back(marker_json(tracked, result.names_families));
-  return {{"markers", std::move(list)}, {"ms", rounded(result.ms, 100)}};
+  return {{"markers", std::move(list)}, {"ms", rounded_to_steps(result.ms, 100)}};
 }
 
 MarkerTracker::MarkerTracker(const MarkerTrackerOptions& options) : options_(options) {

@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/geometry/scaled_camera.h"
 #include "tarsier/planar/markers/predefined.h"
+#include "tarsier/planar/pipelines/testing_frame.h"
 #include "tarsier/synth/planar_worlds.h"
 
 #include <gtest/gtest.h>
@@ -19,7 +20,7 @@ namespace {
 
 constexpr double kSide = 0.05;
 
-synth::PlanarVideo video(const std::string& family = "36h11") {
+synth::PlanarVideo desk_video(const std::string& family = "36h11") {
   synth::VideoOptions options;
   options.size = {480, 360};
   options.speed_px = 8;
@@ -28,20 +29,10 @@ synth::PlanarVideo video(const std::string& family = "36h11") {
   return synth::marker_video(markers::find_dictionary(family), 4, kSide, options);
 }
 
-Frame frame_of(const cv::Mat& image, bool still, double time = 0,
-               const std::string& name = "desk.mp4") {
-  Frame frame;
-  frame.image = image;
-  frame.still = still;
-  frame.time = time;
-  frame.name = name;
-  return frame;
-}
-
 MarkerTrackerOptions options_with_camera() {
   MarkerTrackerOptions options;
   options.side = kSide;
-  options.camera = video().camera();
+  options.camera = desk_video().camera();
   return options;
 }
 
@@ -52,10 +43,10 @@ double away(const TrackedMarker& marker) {
 TEST(MarkerTracker, FindsMarkersAndTheirPoses) {
   const auto tracker = MarkerTracker::load(options_with_camera());
   MarkerState state;
-  const auto result = tracker.process(frame_of(video().image_at(1), true), state);
+  const auto result = tracker.process(frame_of(desk_video().image_at(1), true), state);
   ASSERT_EQ(result.markers.size(), 4U);
   std::map<int, synth::PrintTruth> truth;
-  for (const synth::PrintTruth& print : video().truth_at(1)) truth[print.id] = print;
+  for (const synth::PrintTruth& print : desk_video().truth_at(1)) truth[print.id] = print;
   for (const TrackedMarker& marker : result.markers) {
     EXPECT_EQ(marker.family, "36h11");
     ASSERT_TRUE(truth.contains(marker.marker.id) && marker.pose);
@@ -72,7 +63,7 @@ TEST(MarkerTracker, FindsMarkersAndTheirPoses) {
 TEST(MarkerTracker, JsonHasDocumentedKeys) {
   const auto tracker = MarkerTracker::load(options_with_camera());
   MarkerState state;
-  auto result = tracker.process(frame_of(video().image_at(1), true), state);
+  auto result = tracker.process(frame_of(desk_video().image_at(1), true), state);
   result.ms = 12.3456;
   const auto json = to_json(result);
   std::string keys;
@@ -87,7 +78,7 @@ TEST(MarkerTracker, SmoothsVideosAndResetsForAnotherSource) {
   const auto tracker = MarkerTracker::load(options_with_camera());
   MarkerState alone;
   MarkerState state;
-  const auto clip = video();
+  const auto clip = desk_video();
   const auto pose_of = [&](const MarkerResult& result) {
     return result.markers.at(0).pose->camera_from_marker.translation;
   };
@@ -102,7 +93,7 @@ TEST(MarkerTracker, SmoothsVideosAndResetsForAnotherSource) {
   EXPECT_GT((tracked - exactly(0.2)).norm(), 0);  // between this frame and the previous ones
   const auto other = pose_of(tracker.process(frame_of(last, false, 0.2, "other.mp4"), state));
   EXPECT_EQ((other - exactly(0.2)).norm(), 0);
-  // Frames of a folder that is played as a video belong to one source.
+  // Frames of a folder that is played as a desk_video belong to one source.
   for (int i = 0; i < 5; ++i)
     (void)tracker.process(
         frame_of(clip.image_at(i / 25.0), false, i / 25.0, "a/" + std::to_string(i) + ".png"),
@@ -111,8 +102,8 @@ TEST(MarkerTracker, SmoothsVideosAndResetsForAnotherSource) {
 }
 
 TEST(MarkerTracker, SearchesSeveralFamiliesAndNamesThem) {
-  const cv::Mat tags = video().image_at(1);
-  const cv::Mat codes = video("6x6_250").image_at(1);
+  const cv::Mat tags = desk_video().image_at(1);
+  const cv::Mat codes = desk_video("6x6_250").image_at(1);
   cv::Mat both;
   cv::hconcat(tags, codes, both);
   MarkerTrackerOptions options;
@@ -138,7 +129,7 @@ TEST(MarkerTracker, HasNoPosesWithoutSide) {
   const auto tracker = MarkerTracker::load(options);
   MarkerState state;
   cv::Mat gray;
-  cv::cvtColor(video().image_at(1), gray, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(desk_video().image_at(1), gray, cv::COLOR_BGR2GRAY);
   const auto result = tracker.process(frame_of(gray, true), state);
   ASSERT_EQ(result.markers.size(), 4U);
   EXPECT_FALSE(result.markers[0].pose);
@@ -147,7 +138,7 @@ TEST(MarkerTracker, HasNoPosesWithoutSide) {
 
 TEST(MarkerTracker, OpencvDetectorFindsSameMarkers) {
   MarkerTrackerOptions options = options_with_camera();
-  const Frame frame = frame_of(video().image_at(1), true);
+  const Frame frame = frame_of(desk_video().image_at(1), true);
   MarkerState state;
   const auto own = MarkerTracker::load(options).process(frame, state);
   options.detector = MarkerDetector::kOpencv;
@@ -163,7 +154,7 @@ TEST(MarkerTracker, OpencvDetectorFindsSameMarkers) {
 TEST(MarkerTracker, ScalesGuessesOrRejectsCamera) {
   MarkerTrackerOptions options = options_with_camera();
   options.camera = geometry::guessed_camera({960, 720});
-  const Frame frame = frame_of(video().image_at(1), true);
+  const Frame frame = frame_of(desk_video().image_at(1), true);
   MarkerState state;
   EXPECT_NEAR(MarkerTracker::load(options).process(frame, state).camera.fx, 480, 1e-9);
   options.camera = geometry::guessed_camera({1280, 720});

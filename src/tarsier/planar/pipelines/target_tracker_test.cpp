@@ -5,6 +5,7 @@
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/planar/image_targets/target_io.h"
 #include "tarsier/planar/image_targets/train.h"
+#include "tarsier/planar/pipelines/testing_frame.h"
 #include "tarsier/synth/planar_source.h"
 #include "tarsier/synth/planar_worlds.h"
 
@@ -17,7 +18,7 @@
 namespace tarsier::planar {
 namespace {
 
-synth::PlanarVideo video() { return synth::print_video({synth::poster_print(0, 5)}, {}); }
+synth::PlanarVideo poster_video() { return synth::print_video({synth::poster_print(0, 5)}, {}); }
 
 const image_targets::Target& poster() {
   static const image_targets::Target target = [] {
@@ -28,27 +29,19 @@ const image_targets::Target& poster() {
   return target;
 }
 
-Frame frame_of(const cv::Mat& image, bool still, const std::string& name = "desk.mp4") {
-  Frame frame;
-  frame.image = image;
-  frame.still = still;
-  frame.name = name;
-  return frame;
-}
-
 TEST(TargetTracker, DetectsTargetOfFileAndItsPose) {
   const TemporaryFolder folder;
   const std::string path = folder / "poster.target.json";
   image_targets::write_target(path, poster());
   TargetTrackerOptions options;
-  options.camera = video().camera();
+  options.camera = poster_video().camera();
   const auto tracker = TargetTracker::load({path}, options);
   EXPECT_EQ(tracker.targets().size(), 1U);
   TargetState state;
-  auto result = tracker.process(frame_of(video().image_at(0), true), state);
+  auto result = tracker.process(frame_of(poster_video().image_at(0), true), state);
   ASSERT_EQ(result.tracked.size(), 1U);
   EXPECT_EQ(result.target_of(result.tracked[0]).name, "poster");
-  const auto truth = video().truth_at(0);
+  const auto truth = poster_video().truth_at(0);
   for (std::size_t k = 0; k < 4; ++k)
     EXPECT_LT(cv::norm(result.tracked[0].corners[k] - truth[0].corners[k]), 1);
   ASSERT_TRUE(result.tracked[0].pose);
@@ -67,9 +60,9 @@ TEST(TargetTracker, DetectsTargetOfFileAndItsPose) {
 TEST(TargetTracker, TracksVideosAndResetsForAnotherSource) {
   const TargetTracker tracker({poster()});
   TargetState state;
-  const auto clip = video();
+  const auto clip = poster_video();
   const auto frames_of = [&](const std::string& name, double time, bool still = false) {
-    const auto result = tracker.process(frame_of(clip.image_at(time), still, name), state);
+    const auto result = tracker.process(frame_of(clip.image_at(time), still, 0, name), state);
     return result.tracked.empty() ? 0 : static_cast<int>(result.tracked[0].frames);
   };
   EXPECT_EQ(frames_of("a.mp4", 0), 1);
@@ -81,13 +74,13 @@ TEST(TargetTracker, TracksVideosAndResetsForAnotherSource) {
   EXPECT_EQ(frames_of("b.mp4", 0.2), 1);
   EXPECT_EQ(frames_of("b.mp4", 0.2, true), 1);  // a still image is independent
   EXPECT_EQ(frames_of("c/1.png", 0.2), 1);
-  EXPECT_EQ(frames_of("c/2.png", 0.24), 2);  // a folder that is played as a video
+  EXPECT_EQ(frames_of("c/2.png", 0.24), 2);  // a folder that is played as a poster_video
 }
 
 TEST(TargetTracker, HasNoPoseWithoutCamera) {
   const TargetTracker tracker({poster()});
   TargetState state;
-  const auto result = tracker.process(frame_of(video().image_at(0), true), state);
+  const auto result = tracker.process(frame_of(poster_video().image_at(0), true), state);
   ASSERT_EQ(result.tracked.size(), 1U);
   EXPECT_FALSE(result.tracked[0].pose);
   EXPECT_FALSE(result.camera);
@@ -100,7 +93,7 @@ TEST(TargetTracker, RejectsInvalidInput) {
   options.track.min_inlier_share = 2;
   EXPECT_THROW((void)TargetTracker({}, options), std::invalid_argument);
   options = {};
-  options.camera = video().camera();
+  options.camera = poster_video().camera();
   TargetState state;
   const cv::Mat square(480, 480, CV_8UC3, cv::Scalar::all(9));
   EXPECT_THROW((void)TargetTracker({}, options).process(frame_of(square, true), state), InputError);

@@ -17,7 +17,7 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr int kVersion = 1;
+constexpr int kCharactersVersion = 1;
 constexpr int kHogCell = 4;
 constexpr int kHogBins = 9;
 constexpr int kSvmRounds = 200;
@@ -212,13 +212,13 @@ void list_reader(linalg::ModelFields& file, CharacterReader& reader) {
 
 void write_character_reader(const std::string& path, const CharacterReader& reader,
                             const nlohmann::json& provenance) {
-  write_archive(path,
-                {"plate-characters", kVersion, provenance, linalg::written(reader, list_reader)});
+  write_archive(path, {"plate-characters", kCharactersVersion, provenance,
+                       linalg::written(reader, list_reader)});
 }
 
 CharacterReader read_character_reader(const std::string& path) {
   return linalg::read_fields<CharacterReader>(
-      read_archive(path, "plate-characters", kVersion).payload, path, list_reader);
+      read_archive(path, "plate-characters", kCharactersVersion).payload, path, list_reader);
 }
 
 }  // namespace tarsier::plate

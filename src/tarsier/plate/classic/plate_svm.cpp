@@ -23,7 +23,7 @@ namespace tarsier::plate {
 namespace {
 
 namespace fs = std::filesystem;
-constexpr int kVersion = 1;
+constexpr int kPlateSvmVersion = 1;
 constexpr int kFolds = 5;
 
 std::vector<float> projected(const std::vector<float>& values, const std::vector<float>& mean,
@@ -203,12 +203,12 @@ void list_svm(linalg::ModelFields& file, PlateSvm& svm) {
 
 void write_plate_svm(const std::string& path, const PlateSvm& svm,
                      const nlohmann::json& provenance) {
-  write_archive(path, {"plate-svm", kVersion, provenance, linalg::written(svm, list_svm)});
+  write_archive(path, {"plate-svm", kPlateSvmVersion, provenance, linalg::written(svm, list_svm)});
 }
 
 PlateSvm read_plate_svm(const std::string& path) {
-  return linalg::read_fields<PlateSvm>(read_archive(path, "plate-svm", kVersion).payload, path,
-                                       list_svm);
+  return linalg::read_fields<PlateSvm>(read_archive(path, "plate-svm", kPlateSvmVersion).payload,
+                                       path, list_svm);
 }
 
 }  // namespace tarsier::plate

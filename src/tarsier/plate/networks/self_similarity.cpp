@@ -17,7 +17,7 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr std::size_t kMinCharacters = 4;  // shorter texts are not changed
+constexpr std::size_t kMinTextCharacters = 4;  // shorter texts are not changed
 
 bool is_narrow(char symbol) { return symbol == '1' || symbol == 'I' || symbol == 'J'; }
 
@@ -124,7 +124,7 @@ cv::Mat refine_by_self_similarity(const LineData& line, const AlignedText& text)
       "'{}' has {} confidences, {} places", text.text, text.confidences.size(),
       text.columns.size());
   cv::Mat result = line.probabilities.clone();
-  if (text.text.size() < kMinCharacters) return result;
+  if (text.text.size() < kMinTextCharacters) return result;
   const std::vector<float> centers = character_centers(line.probabilities, text.columns);
   const std::vector<double> edge_energy = relative_edge_energy(line.canvas, text.text, centers);
   for (std::size_t i = 0; i < text.text.size(); ++i) {

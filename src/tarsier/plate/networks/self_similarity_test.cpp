@@ -12,7 +12,7 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr int kColumns = kLineWidth / kColumnStride;
+constexpr int kLineColumns = kLineWidth / kColumnStride;
 constexpr int kPitch = 6;  // columns
 constexpr int kFirst = 5;
 
@@ -27,8 +27,8 @@ struct Bars {
     const int center = kFirst + kPitch * position;
     if (position == 0) {
       line.canvas = cv::Mat(kLineHeight, kLineWidth, CV_8UC1, cv::Scalar(200));
-      line.features = cv::Mat(kColumns, 4, CV_32F, cv::Scalar(0));
-      line.probabilities = cv::Mat(kColumns, kClasses, CV_32F, cv::Scalar(0));
+      line.features = cv::Mat(kLineColumns, 4, CV_32F, cv::Scalar(0));
+      line.probabilities = cv::Mat(kLineColumns, kClasses, CV_32F, cv::Scalar(0));
       line.probabilities.col(kBlank).setTo(1);
     }
     const int x = center * kColumnStride;
@@ -106,7 +106,7 @@ TEST(SelfSimilarity, UncertainSymbolBecomesTheMostSimilarOne) {
 
 TEST(SelfSimilarity, ColumnsSumToOne) {
   const cv::Mat result = five(60).refined();
-  ASSERT_EQ(result.size(), cv::Size(kClasses, kColumns));
+  ASSERT_EQ(result.size(), cv::Size(kClasses, kLineColumns));
   for (int column = 0; column < result.rows; ++column)
     EXPECT_NEAR(cv::sum(result.row(column))[0], 1, 1e-5);
 }

@@ -15,8 +15,6 @@
 namespace tarsier::plate {
 namespace {
 
-constexpr double kLogZero = -std::numeric_limits<double>::infinity();
-
 // Symbols below these probabilities are not expanded in a column. The limit is lower where a
 // character is likely, because the layouts may exclude all symbols of which the classifier was
 // sure.

@@ -5,6 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/plate/text/beam_search.h"
 #include "tarsier/plate/text/reading.h"
 #include "tarsier/plate/text/text.h"
 
@@ -28,9 +29,8 @@ namespace {
 constexpr SymbolSet kDigits = (SymbolSet{1} << 10U) - 1;
 constexpr SymbolSet kLetters = ((SymbolSet{1} << 26U) - 1) << 10U;
 constexpr std::size_t kMaxFileBytes = 100'000;
-constexpr std::size_t kMaxLayouts = 1000;  // per file
+constexpr std::size_t kMaxFileLayouts = 1000;  // per file
 constexpr std::size_t kMinPositions = 2;
-constexpr std::size_t kMaxPositions = 12;
 
 SymbolSet set_of(char symbol) { return SymbolSet{1} << static_cast<unsigned>(class_of(symbol)); }
 
@@ -287,8 +287,8 @@ class Parser {
         for (const Alternative& alternative : element) {
           // Checked here, not after the loop: thousands of words times a thousand layouts take
           // gigabytes.
-          if (next.size() + country_.layouts.size() >= kMaxLayouts) {
-            fail(fmt::format("more than {} layouts", kMaxLayouts));
+          if (next.size() + country_.layouts.size() >= kMaxFileLayouts) {
+            fail(fmt::format("more than {} layouts", kMaxFileLayouts));
           }
           next.push_back(layout);
           next.back().weight *= alternative.share;

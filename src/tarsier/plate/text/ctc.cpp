@@ -7,12 +7,9 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 
 namespace tarsier::plate {
 namespace {
-
-constexpr double kLogZero = -std::numeric_limits<double>::infinity();
 
 int class_of_state(const std::vector<int>& classes, std::size_t state) {
   return state % 2 == 0 ? kBlank : classes[state / 2];

@@ -3,6 +3,7 @@
 
 #include <opencv2/core/mat.hpp>
 
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -15,6 +16,8 @@ namespace tarsier::plate {
 // The network is trained with blanks on both sides of each character's middle, so a direct change
 // is mostly one character read as two (an O as "O0").
 inline constexpr double kDirectTransitionWeight = 0.001;
+
+inline constexpr double kLogZero = -std::numeric_limits<double>::infinity();
 
 // Natural logarithm of the probability that the columns show `classes` (numbers below kBlank). The
 // columns are the rows of `probabilities`, CV_32F, kClasses wide. The result is minus infinity if

@@ -2,11 +2,11 @@
 #include "tarsier/plate/tracking/event.h"
 
 #include "tarsier/core/name_table.h"
+#include "tarsier/core/rounding.h"
 
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::plate {
@@ -20,18 +20,17 @@ constexpr NameTable<Direction, 6> kDirectionNames{"direction",
                                                     {Direction::kUp, "up"},
                                                     {Direction::kDown, "down"}}}};
 
-constexpr NameTable<PlateState, 4> kStates{"state",
-                                           {{{PlateState::kOpened, "opened"},
-                                             {PlateState::kUpdated, "updated"},
-                                             {PlateState::kClosed, "closed"},
-                                             {PlateState::kWithdrawn, "withdrawn"}}}};
+constexpr NameTable<PlateState, 4> kPlateStates{"state",
+                                                {{{PlateState::kOpened, "opened"},
+                                                  {PlateState::kUpdated, "updated"},
+                                                  {PlateState::kClosed, "closed"},
+                                                  {PlateState::kWithdrawn, "withdrawn"}}}};
 
 using nlohmann::ordered_json;
 
 // Rounds to the meaningful digits.
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
-double rounded_time(double seconds) { return rounded(seconds, 1e3); }
-double rounded_fraction(double share) { return rounded(share, 1e4); }
+double rounded_time(double seconds) { return rounded_to_steps(seconds, 1e3); }
+double rounded_fraction(double share) { return rounded_to_steps(share, 1e4); }
 
 ordered_json box_json(const cv::Rect& box) {
   return ordered_json::array({box.x, box.y, box.width, box.height});
@@ -41,7 +40,7 @@ constexpr int kCropWidth = 640;  // px
 
 }  // namespace
 
-std::string_view name_of(PlateState state) { return kStates.name(state); }
+std::string_view name_of(PlateState state) { return kPlateStates.name(state); }
 
 std::string_view name_of(Direction direction) { return kDirectionNames.name(direction); }
 

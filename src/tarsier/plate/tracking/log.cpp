@@ -7,6 +7,7 @@
 #include "tarsier/media/frame_source.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/plate/text/text.h"
+#include "tarsier/plate/tracking/crop_bytes.h"
 #include "tarsier/plate/tracking/source_clock.h"
 
 #include <fmt/format.h>
@@ -134,10 +135,6 @@ std::string json_text(const nlohmann::ordered_json& value) {
   return value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
-std::vector<std::uint8_t> crop_bytes(const PlateEvent& event, const std::string& path) {
-  return encode_image(".jpg", event.best_crop, path, kCropQuality);
-}
-
 // All reads until the end see the same snapshot.
 class ReadTransaction {
  public:
@@ -178,6 +175,10 @@ void reclaim_space(Database& database, std::int64_t deleted, const ForgetOptions
 }
 
 }  // namespace
+
+std::vector<std::uint8_t> crop_bytes(const PlateEvent& event, const std::string& path) {
+  return encode_image(".jpg", event.best_crop, path, kCropQuality);
+}
 
 PlateLog::PlateLog(const std::string& path, DatabaseAccess access, int lock_timeout_ms)
     : database_(path, kKind, access, lock_timeout_ms),

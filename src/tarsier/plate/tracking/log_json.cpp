@@ -23,13 +23,13 @@ nlohmann::ordered_json list_of(const std::string& text, const std::string& what,
   }
 }
 
-constexpr NameTable<LoggedPlate::State, 3> kStates{
+constexpr NameTable<LoggedPlate::State, 3> kLoggedStates{
     "state",
     {{{LoggedPlate::State::kClosed, "closed"},
       {LoggedPlate::State::kOpen, "open"},
       {LoggedPlate::State::kInterrupted, "interrupted"}}}};
 
-std::string_view name_of(LoggedPlate::State state) { return kStates.name(state); }
+std::string_view name_of(LoggedPlate::State state) { return kLoggedStates.name(state); }
 
 }  // namespace
 

@@ -5,6 +5,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
+#include "tarsier/plate/tracking/testing_moment.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -20,21 +21,20 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-Moment at(const std::string& text) { return parse_moment(text, {}, false, "time"); }
-
 TEST(TimeTest, ParsesAndFormatsMoments) {
-  EXPECT_EQ(moment_text(at("2024-05-01")), "2024-05-01T00:00:00.000Z");
-  EXPECT_EQ(moment_text(at("2024-02-29T23:59")), "2024-02-29T23:59:00.000Z");
-  EXPECT_EQ(moment_text(at("2024-05-01 12:30:15.25Z")), "2024-05-01T12:30:15.250Z");
-  EXPECT_EQ(moment_text(at("2024-05-01T00:30+02:00")), "2024-04-30T22:30:00.000Z");
-  EXPECT_EQ(moment_text(at("2024-05-01T00:30-01:30")), "2024-05-01T02:00:00.000Z");
+  EXPECT_EQ(moment_text(moment_at("2024-05-01")), "2024-05-01T00:00:00.000Z");
+  EXPECT_EQ(moment_text(moment_at("2024-02-29T23:59")), "2024-02-29T23:59:00.000Z");
+  EXPECT_EQ(moment_text(moment_at("2024-05-01 12:30:15.25Z")), "2024-05-01T12:30:15.250Z");
+  EXPECT_EQ(moment_text(moment_at("2024-05-01T00:30+02:00")), "2024-04-30T22:30:00.000Z");
+  EXPECT_EQ(moment_text(moment_at("2024-05-01T00:30-01:30")), "2024-05-01T02:00:00.000Z");
   EXPECT_EQ(moment_text(parse_moment("2024-05-01", {}, true, "until")), "2024-05-01T23:59:59.999Z");
-  EXPECT_EQ(parse_moment("2h", at("2024-05-01T12:00"), false, "since"), at("2024-05-01T10:00"));
+  EXPECT_EQ(parse_moment("2h", moment_at("2024-05-01T12:00"), false, "since"),
+            moment_at("2024-05-01T10:00"));
   for (const char* text :
        {"", "now", "2024", "2024-13-01", "2023-02-29", "2024-05-01T", "24-05-01",
         "2024-05-01T24:00", "2024-05-01T12:60", "2024-05-01T12:30:15.", "2024-05-01T12:30Zx",
         "2024-05-01T12:30+2", "1969-12-31", "-2h", "2 h"}) {
-    EXPECT_THROW((void)at(text), UsageError) << text;
+    EXPECT_THROW((void)moment_at(text), UsageError) << text;
   }
 }
 
@@ -93,7 +93,7 @@ class PlateLogTest : public FolderTest {
   }
   void fill() const {
     PlateLog log = open();
-    const Moment noon = at("2024-05-01T12:00");
+    const Moment noon = moment_at("2024-05-01T12:00");
     add(log, event_of("1234BCD", 0, 10), "cam", noon);
     add(log, event_of("5678FGH", 60, 65.5), "gate", noon);
     add(log, event_of("M1234AB", 7200, 7300), "cam", noon);
@@ -159,10 +159,10 @@ TEST_F(PlateLogTest, FiltersByTextTimeSourceAndNumber) {
   filter.source = "cam";
   EXPECT_THAT(texts(log, filter), ElementsAre("M1234AB", "1234BCD"));
   filter = {};
-  filter.since = at("2024-05-01T12:00:05");  // it was still in sight then
-  filter.until = at("2024-05-01T12:01");
+  filter.since = moment_at("2024-05-01T12:00:05");  // it was still in sight then
+  filter.until = moment_at("2024-05-01T12:01");
   EXPECT_THAT(texts(log, filter), ElementsAre("5678FGH", "1234BCD"));
-  filter.since = at("2024-05-01T12:00:11");
+  filter.since = moment_at("2024-05-01T12:00:11");
   EXPECT_THAT(texts(log, filter), ElementsAre("5678FGH"));
 }
 
@@ -172,14 +172,14 @@ TEST_F(PlateLogTest, ForgetFreesDiskSpace) {
     PlateEvent event = event_of("1234BCD", 0, 1);
     event.best_crop = cv::Mat(400, 600, CV_8UC3);
     cv::randu(event.best_crop, 0, 255);
-    for (int k = 0; k < 10; ++k) add(log, event, "cam", at("2024-05-01"));
-    add(log, event_of("5678FGH", 0, 1), "cam", at("2024-05-20"));
+    for (int k = 0; k < 10; ++k) add(log, event, "cam", moment_at("2024-05-01"));
+    add(log, event_of("5678FGH", 0, 1), "cam", moment_at("2024-05-20"));
   }
   const auto before = std::filesystem::file_size(path("plates.db"));
   PlateLog log = open(DatabaseAccess::kWrite);
   const auto days = [](int count) { return std::chrono::hours(24 * count); };
-  EXPECT_EQ(log.forget(at("2024-05-11"), days(1)), 10);
-  EXPECT_EQ(log.forget(at("2024-05-11"), days(1)), 0);
+  EXPECT_EQ(log.forget(moment_at("2024-05-11"), days(1)), 10);
+  EXPECT_EQ(log.forget(moment_at("2024-05-11"), days(1)), 0);
   EXPECT_EQ(log.count(), 1);
   EXPECT_THAT(texts(log), ElementsAre("5678FGH"));
   EXPECT_LT(std::filesystem::file_size(path("plates.db")), before / 4);
@@ -187,14 +187,14 @@ TEST_F(PlateLogTest, ForgetFreesDiskSpace) {
 
 TEST_F(PlateLogTest, IdsAreNotReused) {
   PlateLog log = open();
-  const std::int64_t first = add(log, event_of("1234BCD", 0, 1), "cam", at("2024-05-01"));
-  log.forget(at("2024-06-02"), std::chrono::hours(24));
-  EXPECT_GT(add(log, event_of("1234BCD", 0, 1), "cam", at("2024-05-01")), first);
+  const std::int64_t first = add(log, event_of("1234BCD", 0, 1), "cam", moment_at("2024-05-01"));
+  log.forget(moment_at("2024-06-02"), std::chrono::hours(24));
+  EXPECT_GT(add(log, event_of("1234BCD", 0, 1), "cam", moment_at("2024-05-01")), first);
 }
 
 TEST_F(PlateLogTest, RemovesPasswordsFromSources) {
   PlateLog log = open();
-  add(log, event_of("1234BCD", 0, 1), "http://me:secret@host/cam", at("2024-05-01"));
+  add(log, event_of("1234BCD", 0, 1), "http://me:secret@host/cam", moment_at("2024-05-01"));
   log.query({}, [](const LoggedPlate& plate) {
     EXPECT_THAT(plate.source, HasSubstr("host/cam"));
     EXPECT_THAT(plate.source, Not(HasSubstr("secret")));
@@ -204,14 +204,14 @@ TEST_F(PlateLogTest, RemovesPasswordsFromSources) {
 
 TEST_F(PlateLogTest, StaysUsableAfterALock) {
   PlateLog log = open();
-  add(log, event_of("1234BCD", 0, 1), "cam", at("2024-05-01"));
+  add(log, event_of("1234BCD", 0, 1), "cam", moment_at("2024-05-01"));
   {
     Database other(path("plates.db"), kThisVersion, DatabaseAccess::kWrite, 20);
     const Transaction lock(other);
-    EXPECT_THROW(add(log, event_of("5678FGH", 0, 1), "cam", at("2024-05-01")), OutputError);
+    EXPECT_THROW(add(log, event_of("5678FGH", 0, 1), "cam", moment_at("2024-05-01")), OutputError);
     EXPECT_THAT(texts(log), ElementsAre("1234BCD"));
   }
-  add(log, event_of("5678FGH", 0, 1), "cam", at("2024-05-01"));
+  add(log, event_of("5678FGH", 0, 1), "cam", moment_at("2024-05-01"));
   EXPECT_EQ(log.count(), 2);
 }
 
@@ -247,7 +247,7 @@ TEST_F(PlateLogTest, IndexedSearchEqualsAFullScan) {
       for (int n = 0; n < length; ++n) text += "01ODIQAB"[rng.integer(0, 7)];
       written.push_back(text);
       PlateEvent event = event_of(text, k, k);
-      event.last_seen = at("2024-05-01") + std::chrono::seconds(k);
+      event.last_seen = moment_at("2024-05-01") + std::chrono::seconds(k);
       (void)log.put(event, 0, 0, {});
     }
     together.commit();
@@ -298,7 +298,7 @@ TEST_F(PlateLogTest, ReadsAndUpgradesVersionOne) {
   PlateLog log = open(DatabaseAccess::kWrite);
   PlateEvent event = event_of("5678FGH", 0, 1);
   event.source = "new";
-  event.last_seen = at("2024-05-01");
+  event.last_seen = moment_at("2024-05-01");
   log.append(event);
   EXPECT_THAT(texts(log, filter), ElementsAre("5678FGH", "5678FGH"));
   Database raw(path("plates.db"), kThisVersion, DatabaseAccess::kRead);
@@ -312,8 +312,8 @@ TEST_F(PlateLogTest, ReadsAndUpgradesVersionOne) {
 TEST_F(PlateLogTest, OpenEntriesOfDeadProgramsBecomeInterrupted) {
   PlateEvent event = event_of("1234BCD", 0, 1);
   event.state = PlateState::kOpened;
-  event.first_seen = at("2024-05-01T12:00");
-  event.last_seen = at("2024-05-01T12:05");
+  event.first_seen = moment_at("2024-05-01T12:00");
+  event.last_seen = moment_at("2024-05-01T12:05");
   {
     PlateLog log = open();
     const std::int64_t dead = log.begin_run("dead", [](const std::string&) { return true; });
@@ -343,7 +343,7 @@ TEST_F(PlateLogTest, OthersCanWriteBetweenBatchesOfForget) {
     Transaction together = log.transaction();
     for (int k = 0; k < 50; ++k) {
       PlateEvent event = event_of("1234BCD", k, k);
-      event.last_seen = at("2024-05-01") + std::chrono::seconds(k);
+      event.last_seen = moment_at("2024-05-01") + std::chrono::seconds(k);
       (void)log.put(event, 0, 0, {});
     }
     together.commit();
@@ -356,17 +356,17 @@ TEST_F(PlateLogTest, OthersCanWriteBetweenBatchesOfForget) {
   options.batch = 10;
   options.after_batch = [&](std::int64_t deleted) {
     ++batches;
-    add(other, event_of("5678FGH", 0, 1), "cam", at("2024-06-01"));
+    add(other, event_of("5678FGH", 0, 1), "cam", moment_at("2024-06-01"));
     EXPECT_EQ(reader.count(), 50 - deleted + batches);
   };
-  EXPECT_EQ(log.forget(at("2024-06-01"), std::chrono::hours(24), options), 50);
+  EXPECT_EQ(log.forget(moment_at("2024-06-01"), std::chrono::hours(24), options), 50);
   EXPECT_GE(batches, 5);
   EXPECT_EQ(log.count(), batches);
   LogFilter filter;
   filter.text = "*34B*";
   EXPECT_THAT(texts(log, filter), IsEmpty());
   options.after_batch = [](std::int64_t) { throw Interrupted(); };
-  EXPECT_THROW(log.forget(at("2025-06-01"), std::chrono::hours(24), options), Interrupted);
+  EXPECT_THROW(log.forget(moment_at("2025-06-01"), std::chrono::hours(24), options), Interrupted);
 }
 
 TEST_F(PlateLogTest, ForgetKeepsRecentEntriesOfAWrongClock) {
@@ -375,41 +375,41 @@ TEST_F(PlateLogTest, ForgetKeepsRecentEntriesOfAWrongClock) {
   const std::int64_t run = log.begin_run("me", [](const std::string&) { return true; });
   const auto put = [&](const std::string& text, const std::string& when) {
     PlateEvent event = event_of(text, 0, 1);
-    event.first_seen = event.last_seen = at(when);
+    event.first_seen = event.last_seen = moment_at(when);
     event.synchronized = false;
     return log.put(event, 0, run, {});
   };
   // A machine whose clock starts in the past and is never set.
   put("1111BBB", "2024-01-05T12:00");
   put("2222CCC", "2024-01-05T13:00");
-  EXPECT_THROW(log.forget(at("1970-01-01"), month), InputError);
+  EXPECT_THROW(log.forget(moment_at("1970-01-01"), month), InputError);
   // After the next start the time is known. The entries may be of today, so they are kept for a
   // month from now ..
-  EXPECT_EQ(log.forget(at("2026-05-01"), month), 0);
-  EXPECT_EQ(log.forget(at("2026-05-20"), month), 0);
+  EXPECT_EQ(log.forget(moment_at("2026-05-01"), month), 0);
+  EXPECT_EQ(log.forget(moment_at("2026-05-20"), month), 0);
   // .. and not longer.
-  EXPECT_EQ(log.forget(at("2026-06-01"), month), 2);
+  EXPECT_EQ(log.forget(moment_at("2026-06-01"), month), 2);
   EXPECT_EQ(log.count(), 0);
   // The clock is never set, but it advances. Entries a month older than the latest are deleted.
   put("3333DDD", "2024-02-01");
   put("4444FFF", "2024-03-15");
-  EXPECT_EQ(log.forget(at("2026-05-01"), month), 1);
+  EXPECT_EQ(log.forget(moment_at("2026-05-01"), month), 1);
   EXPECT_THAT(texts(log), ElementsAre("4444FFF"));
   // The clock is set: earlier entries get the right times, and then count as all others.
-  log.shift_unsynchronized(run, at("2026-05-02") - at("2024-03-15"));
+  log.shift_unsynchronized(run, moment_at("2026-05-02") - moment_at("2024-03-15"));
   log.trust_clock(run);
   log.query({}, [](const LoggedPlate& plate) {
     EXPECT_EQ(moment_text(plate.last_time), "2026-05-02T00:00:00.000Z");
     EXPECT_TRUE(plate.synchronized);
     return true;
   });
-  EXPECT_EQ(log.forget(at("2026-05-20"), month), 0);
-  EXPECT_EQ(log.forget(at("2026-06-02"), month), 1);
+  EXPECT_EQ(log.forget(moment_at("2026-05-20"), month), 0);
+  EXPECT_EQ(log.forget(moment_at("2026-06-02"), month), 1);
 }
 
 PlateCorrection correction_of(const std::string& text,
                               const std::string& when = "2024-06-01T08:00") {
-  return {text, "Ann", at(when)};
+  return {text, "Ann", moment_at(when)};
 }
 
 TEST_F(PlateLogTest, CorrectionKeepsTheOriginalText) {
@@ -489,7 +489,7 @@ TEST_F(PlateLogTest, RemoveDeletesTheCorrection) {
 TEST_F(PlateLogTest, UpdatedEntryKeepsItsCorrection) {
   PlateLog log = open();
   PlateEvent event = event_of("1234BCD", 0, 1);
-  event.first_seen = event.last_seen = at("2024-05-01");
+  event.first_seen = event.last_seen = moment_at("2024-05-01");
   event.state = PlateState::kOpened;
   const std::int64_t id = log.put(event, 0, 1, {});
   log.correct(id, correction_of("1284BCD"));
@@ -505,14 +505,14 @@ TEST_F(PlateLogTest, UpdatedEntryKeepsItsCorrection) {
 TEST_F(PlateLogTest, HistoryUsesCorrectedTexts) {
   fill();
   PlateLog log = open(DatabaseAccess::kWrite);
-  const Moment noon = at("2024-05-01T12:00");
+  const Moment noon = moment_at("2024-05-01T12:00");
   add(log, event_of("1234BCD", 3600, 3700), "cam", noon);
-  const Moment later = at("2024-05-02");
+  const Moment later = moment_at("2024-05-02");
   EXPECT_EQ(log.history("1234BCD", noon).visits, 0);
   PlateHistory history = log.history("1234BCD", later);
   EXPECT_EQ(history.visits, 2);
   EXPECT_EQ(history.first_time, noon);
-  EXPECT_EQ(history.last_time, at("2024-05-01T13:01:40"));
+  EXPECT_EQ(history.last_time, moment_at("2024-05-01T13:01:40"));
   log.correct(1, correction_of("5678FGH"));
   EXPECT_EQ(log.history("1234BCD", later).visits, 1);
   history = log.history("5678FGH", later);

@@ -3,7 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
-#include "tarsier/media/image_file.h"
+#include "tarsier/plate/tracking/crop_bytes.h"
 #include "tarsier/plate/tracking/log.h"
 
 #include <fmt/format.h>
@@ -29,8 +29,6 @@ namespace tarsier::plate {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-constexpr int kCropQuality = 90;
 
 Clock::duration seconds(double s) {
   return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
@@ -59,15 +57,6 @@ std::string machine_name() {
   return boot + ' ' + std::string(space, length > 0 ? static_cast<std::size_t>(length) : 0);
 }
 
-// A change of the log.
-struct Task {
-  enum class Kind { kEvent, kShift, kTrust } kind = Kind::kEvent;
-  PlateEvent event;  // without its image
-  std::optional<std::vector<std::uint8_t>> crop;
-  std::chrono::milliseconds by{0};
-  std::uint64_t sequence = 0;
-};
-
 }  // namespace
 
 std::string process_name() {
@@ -88,6 +77,15 @@ bool is_running(const std::string& process_name) {
 
 class PlateRecorder::Writer {
  public:
+  // A change of the log.
+  struct Task {
+    enum class Kind { kEvent, kShift, kTrust } kind = Kind::kEvent;
+    PlateEvent event;  // without its image
+    std::optional<std::vector<std::uint8_t>> crop;
+    std::chrono::milliseconds by{0};
+    std::uint64_t sequence = 0;
+  };
+
   Writer(const std::string& path, const RecorderOptions& options)
       : options_((options.check(), options)), log_(path) {
     run_ = log_.begin_run(process_name(), is_running);
@@ -291,26 +289,26 @@ PlateRecorder::PlateRecorder(const std::string& path, const RecorderOptions& opt
 PlateRecorder::~PlateRecorder() = default;
 
 void PlateRecorder::record(const PlateEvent& event) {
-  Task task;
+  Writer::Task task;
   task.event = event;
   task.event.best_crop.release();
   if (writer_->is_new_crop(event) && event.state != PlateState::kWithdrawn &&
       !event.best_crop.empty()) {
-    task.crop = encode_image(".jpg", event.best_crop, writer_->path(), kCropQuality);
+    task.crop = crop_bytes(event, writer_->path());
   }
   writer_->add(std::move(task));
 }
 
 void PlateRecorder::shift_unsynchronized(std::chrono::milliseconds by) {
-  Task task;
-  task.kind = Task::Kind::kShift;
+  Writer::Task task;
+  task.kind = Writer::Task::Kind::kShift;
   task.by = by;
   writer_->add(std::move(task));
 }
 
 void PlateRecorder::trust_clock() {
-  Task task;
-  task.kind = Task::Kind::kTrust;
+  Writer::Task task;
+  task.kind = Writer::Task::Kind::kTrust;
   writer_->add(std::move(task));
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/plate/tracking/source_clock.h"
 
+#include "tarsier/plate/tracking/testing_moment.h"
 #include "tarsier/plate/tracking/tracker.h"
 
 #include <gtest/gtest.h>
@@ -14,11 +15,9 @@ namespace {
 
 using std::chrono::milliseconds;
 
-Moment at(const std::string& text) { return parse_moment(text, {}, false, "time"); }
-
 // A machine whose clocks stand still unless the test moves them.
 struct FakeMachine {
-  Moment wall = at("2026-05-01T12:00");
+  Moment wall = moment_at("2026-05-01T12:00");
   milliseconds uptime{100'000};
   std::chrono::steady_clock::time_point steady{std::chrono::seconds(5000)};
   bool synchronized = true;
@@ -38,11 +37,11 @@ TEST(SourceClockTest, LiveFrameHasItsTimeOfArrival) {
   FakeMachine machine;
   SourceClock clock(machine.clocks());
   clock.begin({}, 0);
-  EXPECT_EQ(clock.at(0, machine.steady).wall, at("2026-05-01T12:00"));
+  EXPECT_EQ(clock.at(0, machine.steady).wall, moment_at("2026-05-01T12:00"));
   machine.pass(milliseconds(2500));
   // The frame arrived 300 ms ago.
   const FrameMoment moment = clock.at(2.2, machine.steady - milliseconds(300));
-  EXPECT_EQ(moment.wall, at("2026-05-01T12:00:02.200"));
+  EXPECT_EQ(moment.wall, moment_at("2026-05-01T12:00:02.200"));
   EXPECT_EQ(moment.uptime, milliseconds(102'200));
   EXPECT_TRUE(moment.synchronized);
   EXPECT_EQ(clock.take_step(), std::nullopt);
@@ -51,7 +50,7 @@ TEST(SourceClockTest, LiveFrameHasItsTimeOfArrival) {
 TEST(SourceClockTest, DetectsStepsButNotDrift) {
   FakeMachine machine;
   machine.synchronized = false;
-  machine.wall = at("2026-01-01");
+  machine.wall = moment_at("2026-01-01");
   SourceClock clock(machine.clocks());
   clock.begin({}, 0);
   EXPECT_FALSE(clock.at(0, machine.steady).synchronized);
@@ -84,29 +83,29 @@ TEST(SourceClockTest, SuspendIsNoStep) {
 
 TEST(SourceClockTest, ClockBefore2024IsUnsynchronized) {
   FakeMachine machine;
-  machine.wall = at("2023-12-31T23:59");
+  machine.wall = moment_at("2023-12-31T23:59");
   SourceClock clock(machine.clocks());
   clock.begin({}, 0);
   EXPECT_FALSE(clock.at(0, machine.steady).synchronized);
-  EXPECT_FALSE(is_plausible(at("1970-01-01")));
-  EXPECT_TRUE(is_plausible(at("2024-01-01")));
+  EXPECT_FALSE(is_plausible(moment_at("1970-01-01")));
+  EXPECT_TRUE(is_plausible(moment_at("2024-01-01")));
 }
 
 TEST(SourceClockTest, RecordingStartsAtItsOwnTime) {
   FakeMachine machine;
   const Moment start =
-      recording_start(at("2026-04-01T10:10"), std::chrono::minutes(10), machine.wall);
-  EXPECT_EQ(start, at("2026-04-01T10:00"));
-  EXPECT_EQ(recording_start(at("2030-01-01"), std::chrono::minutes(10), machine.wall),
-            at("2026-05-01T11:50"))
+      recording_start(moment_at("2026-04-01T10:10"), std::chrono::minutes(10), machine.wall);
+  EXPECT_EQ(start, moment_at("2026-04-01T10:00"));
+  EXPECT_EQ(recording_start(moment_at("2030-01-01"), std::chrono::minutes(10), machine.wall),
+            moment_at("2026-05-01T11:50"))
       << "no recording comes from the future";
   SourceClock clock(machine.clocks());
   // The second of two files; its times continue those of the first.
   clock.begin({false, start}, 40);
-  EXPECT_EQ(clock.at(40, machine.steady).wall, at("2026-04-01T10:00"));
+  EXPECT_EQ(clock.at(40, machine.steady).wall, moment_at("2026-04-01T10:00"));
   machine.wall += std::chrono::hours(1);  // has no effect here
   const FrameMoment moment = clock.at(100.5, machine.steady);
-  EXPECT_EQ(moment.wall, at("2026-04-01T10:01:00.500"));
+  EXPECT_EQ(moment.wall, moment_at("2026-04-01T10:01:00.500"));
   EXPECT_EQ(moment.uptime, milliseconds(60'500));
 }
 
@@ -155,7 +154,7 @@ TEST_P(SetClock, EventsKeepTheirDurationAndEndTime) {
   for (int k = 0; k < 20; ++k) frame(k, 10 * k);
   ASSERT_FALSE(updates.empty());
   EXPECT_EQ(updates[0].state, PlateState::kOpened);
-  EXPECT_EQ(updates[0].first_seen, at("2026-05-01T12:00:00.100"));
+  EXPECT_EQ(updates[0].first_seen, moment_at("2026-05-01T12:00:00.100"));
   machine.wall += GetParam();
   machine.synchronized = true;
   for (int k = 20; k < 40; ++k) frame(k, 10 * k);

@@ -15,12 +15,8 @@
 namespace tarsier::plate {
 namespace {
 
-using std::chrono::days;
-using std::chrono::hours;
+namespace chrono = std::chrono;
 using std::chrono::milliseconds;
-using std::chrono::minutes;
-using std::chrono::seconds;
-using std::chrono::weeks;
 
 // Parses a text from its front; sets `good` to false on a mismatch.
 struct Scanner {
@@ -64,9 +60,9 @@ milliseconds zone(Scanner& scan) {
   if (scan.take('Z') || scan.rest.empty()) return milliseconds(0);
   const bool west = scan.take('-');
   if (!west) scan.need('+');
-  const hours whole(scan.number(2, 0, 18));
+  const chrono::hours whole(scan.number(2, 0, 18));
   scan.need(':');
-  const milliseconds offset = whole + minutes(scan.number(2, 0, 59));
+  const milliseconds offset = whole + chrono::minutes(scan.number(2, 0, 59));
   return west ? -offset : offset;
 }
 
@@ -80,13 +76,13 @@ std::optional<Moment> scan_moment(std::string_view text, bool end_of_day) {
       year, month, std::chrono::day(static_cast<unsigned>(scan.number(2, 1, 31))));
   if (!scan.good || !day.ok()) return std::nullopt;
   Moment moment = std::chrono::sys_days(day);
-  if (scan.rest.empty()) return end_of_day ? moment + days(1) - milliseconds(1) : moment;
+  if (scan.rest.empty()) return end_of_day ? moment + chrono::days(1) - milliseconds(1) : moment;
   if (!scan.take('T')) scan.need(' ');
-  moment += hours(scan.number(2, 0, 23));
+  moment += chrono::hours(scan.number(2, 0, 23));
   scan.need(':');
-  moment += minutes(scan.number(2, 0, 59));
+  moment += chrono::minutes(scan.number(2, 0, 59));
   if (scan.take(':')) {
-    moment += seconds(scan.number(2, 0, 59));
+    moment += chrono::seconds(scan.number(2, 0, 59));
     if (scan.take('.')) moment += fraction(scan);
   }
   moment -= zone(scan);
@@ -105,31 +101,31 @@ std::optional<milliseconds> scan_duration(std::string_view text) {
   milliseconds unit{};
   switch (text.back()) {
     case 's':
-      unit = seconds(1);
+      unit = chrono::seconds(1);
       break;
     case 'm':
-      unit = minutes(1);
+      unit = chrono::minutes(1);
       break;
     case 'h':
-      unit = hours(1);
+      unit = chrono::hours(1);
       break;
     case 'd':
-      unit = days(1);
+      unit = chrono::days(1);
       break;
     case 'w':
-      unit = weeks(1);
+      unit = chrono::weeks(1);
       break;
     default:
       return std::nullopt;
   }
-  if (count > milliseconds(weeks(10'000)) / unit) return std::nullopt;
+  if (count > milliseconds(chrono::weeks(10'000)) / unit) return std::nullopt;
   return count * unit;
 }
 
 }  // namespace
 
 std::string moment_text(Moment moment) {
-  const auto day = std::chrono::floor<days>(moment);
+  const auto day = std::chrono::floor<chrono::days>(moment);
   const std::chrono::year_month_day date(day);
   const std::chrono::hh_mm_ss<milliseconds> time(moment - day);
   return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:03}Z", static_cast<int>(date.year()),

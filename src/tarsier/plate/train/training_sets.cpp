@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::vector<fs::path> images_of(const fs::path& folder) {
+std::vector<fs::path> image_paths_of(const fs::path& folder) {
   std::vector<fs::path> paths;
   std::error_code error;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder, error))
@@ -85,19 +85,20 @@ std::vector<Scene> read_scenes(const std::string& folder, double max_pixels) {
   const fs::path images = fs::path(folder) / "images";
   if (fs::exists(truth_path)) {
     const auto truth = read_plate_truth(truth_path.string());
-    for (const fs::path& path : images_of(fs::exists(images) ? images : fs::path(folder))) {
+    for (const fs::path& path : image_paths_of(fs::exists(images) ? images : fs::path(folder))) {
       const auto found = truth.find(path.filename().string());
       if (found != truth.end()) scenes.push_back(scene_of(path, found->second, max_pixels));
     }
     return scenes;
   }
-  for (const fs::path& path : images_of(folder)) scenes.push_back(scene_of(path, {}, max_pixels));
+  for (const fs::path& path : image_paths_of(folder))
+    scenes.push_back(scene_of(path, {}, max_pixels));
   return scenes;
 }
 
 std::vector<LabelledCrop> read_labelled_crops(const std::string& folder) {
   std::vector<LabelledCrop> crops;
-  for (const fs::path& path : images_of(folder)) {
+  for (const fs::path& path : image_paths_of(folder)) {
     LabelledCrop crop = crop_of(path);
     if (!crop.symbols.empty()) crops.push_back(std::move(crop));
   }

@@ -2,21 +2,15 @@
 #include "tarsier/sfm/dense/dense_reconstructor.h"
 
 #include "tarsier/core/require.h"
+#include "tarsier/core/rounding.h"
 #include "tarsier/sfm/dense/dense_run.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::sfm {
-namespace {
-
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
-
-}  // namespace
-
 std::optional<DenseQuality> dense_quality_named(std::string_view name) {
   if (name == "draft") return DenseQuality::kDraft;
   if (name == "normal") return DenseQuality::kNormal;
@@ -62,12 +56,12 @@ nlohmann::ordered_json to_json(const DenseResult& result) {
     if (image.reason.empty()) {
       entry["width"] = image.size.width;
       entry["height"] = image.size.height;
-      entry["known"] = rounded(image.known, 1e4);
-      entry["median_cost"] = rounded(image.median_cost, 1e4);
-      entry["sparse_known"] = rounded(image.sparse_known, 1e4);
-      entry["sparse_within"] = rounded(image.sparse_within, 1e4);
+      entry["known"] = rounded_to_steps(image.known, 1e4);
+      entry["median_cost"] = rounded_to_steps(image.median_cost, 1e4);
+      entry["sparse_known"] = rounded_to_steps(image.sparse_known, 1e4);
+      entry["sparse_within"] = rounded_to_steps(image.sparse_within, 1e4);
       entry["points"] = image.points;
-      entry["cpu_seconds"] = rounded(image.cpu_seconds, 1e2);
+      entry["cpu_seconds"] = rounded_to_steps(image.cpu_seconds, 1e2);
     } else {
       entry["reason"] = image.reason;
     }
@@ -75,7 +69,7 @@ nlohmann::ordered_json to_json(const DenseResult& result) {
   }
   return {{"images", std::move(images)},
           {"points", result.points},
-          {"cpu_seconds", rounded(result.cpu_seconds, 1e2)}};
+          {"cpu_seconds", rounded_to_steps(result.cpu_seconds, 1e2)}};
 }
 
 std::string summary_text(const DenseResult& result) {

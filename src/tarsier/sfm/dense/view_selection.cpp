@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/dense/view_selection.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 
@@ -12,7 +13,6 @@
 #include <cmath>
 #include <cstdint>
 #include <map>
-#include <numbers>
 #include <utility>
 
 namespace tarsier::sfm {
@@ -22,7 +22,6 @@ constexpr int kParts = 12;
 constexpr std::size_t kMaxPairsPerPoint = 40;  // per image and point, pairs with others
 constexpr int kAngles = 180;
 constexpr double kAngleStep = 0.5;  // degrees
-constexpr double kDegrees = 180 / std::numbers::pi;
 
 // The common points of two images. Of fixed size, as a model may have millions of such points.
 struct Pair {
@@ -111,7 +110,8 @@ class Selector {
             centers_[static_cast<std::size_t>(observed[a].image)] - point.position;
         const Eigen::Vector3d to_b =
             centers_[static_cast<std::size_t>(observed[b].image)] - point.position;
-        const double angle = std::atan2(to_a.cross(to_b).norm(), to_a.dot(to_b)) * kDegrees;
+        const double angle =
+            std::atan2(to_a.cross(to_b).norm(), to_a.dot(to_b)) * kDegreesPerRadian;
         const double ratio = observed[a].px_per_unit / observed[b].px_per_unit;
         const double weight = weight_of(angle, std::max(ratio, 1 / ratio), options_);
         count(observed[a], observed[b].image, angle, weight);
@@ -170,7 +170,7 @@ class Selector {
     const Eigen::Vector3d center = image.pose.inverse() * Eigen::Vector3d(0, 0, depth);
     const Eigen::Vector3d to_a = centers_[static_cast<std::size_t>(a)] - center;
     const Eigen::Vector3d to_b = centers_[static_cast<std::size_t>(b)] - center;
-    return std::atan2(to_a.cross(to_b).norm(), to_a.dot(to_b)) * kDegrees;
+    return std::atan2(to_a.cross(to_b).norm(), to_a.dot(to_b)) * kDegreesPerRadian;
   }
 
   void select_sources(int index, std::vector<ViewChoice::Source> candidates,

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/angles.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/geometry/rigid3.h"
 #include "tarsier/sfm/global/positioning.h"
@@ -14,8 +15,6 @@
 
 namespace tarsier::sfm {
 namespace {
-
-constexpr double kRadians = std::numbers::pi / 180;
 
 Eigen::Vector3d any_direction(Rng& rng) {
   Eigen::Vector3d v;
@@ -42,7 +41,7 @@ std::vector<RelativeRotation> ring_of(const std::vector<Eigen::Matrix3d>& rotati
       const int j = (i + k) % count;
       RelativeRotation edge{i, j, Eigen::Matrix3d::Identity(), rng.uniform(30, 300)};
       const double max_angle =
-          rng.uniform() < outlier_share ? 120 * kRadians : noise_deg * kRadians;
+          rng.uniform() < outlier_share ? 120 * kRadiansPerDegree : noise_deg * kRadiansPerDegree;
       edge.second_from_first =
           geometry::rotation_by(max_angle * rng.uniform() * any_direction(rng)) *
           rotations[static_cast<std::size_t>(j)] *
@@ -60,7 +59,7 @@ double worst_rotation(const std::vector<Eigen::Matrix3d>& found,
   for (std::size_t i = 0; i < truth.size(); ++i) {
     const Eigen::Matrix3d error =
         found[i] * found[0].transpose() * (truth[i] * truth[0].transpose()).transpose();
-    worst = std::max(worst, geometry::angle_of(error) / kRadians);
+    worst = std::max(worst, geometry::angle_of(error) / kRadiansPerDegree);
   }
   return worst;
 }
@@ -149,8 +148,8 @@ Scene circle(int cameras, int points, double noise_deg, double outlier_share, Rn
       Eigen::Vector3d direction = (point - center).normalized();
       direction = rng.uniform() < outlier_share
                       ? any_direction(rng)
-                      : Eigen::Vector3d(geometry::rotation_by(noise_deg * kRadians * rng.uniform() *
-                                                              any_direction(rng)) *
+                      : Eigen::Vector3d(geometry::rotation_by(noise_deg * kRadiansPerDegree *
+                                                              rng.uniform() * any_direction(rng)) *
                                         direction);
       rays.push_back({i, direction});
     }

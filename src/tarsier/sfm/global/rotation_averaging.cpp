@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/global/rotation_averaging.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
@@ -11,14 +12,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 #include <utility>
 
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kRadians = std::numbers::pi / 180;
 constexpr double kHalfWeight = 50;  // verified matches at which an edge counts half
 // radians, lower limit for the weights of the sum of absolute angles
 constexpr double kMinAngle = 1e-3;
@@ -146,7 +145,7 @@ AveragedRotations average_rotations(int nodes, const std::vector<RelativeRotatio
   TARSIER_REQUIRE(nodes >= 2 && !result.rotations.empty(),
                   "the view graph of {} nodes is not connected", nodes);
   Averaging averaging(edges, result.rotations);
-  const double sigma = options.sigma_deg * kRadians;
+  const double sigma = options.sigma_deg * kRadiansPerDegree;
   std::vector<double> weights(edges.size());
   const int max_iterations = options.l1_iterations + options.max_iterations;
   while (result.iterations < max_iterations) {
@@ -161,12 +160,12 @@ AveragedRotations average_rotations(int nodes, const std::vector<RelativeRotatio
     }
     ++result.iterations;
     const double change = averaging.step(weights);
-    if (change > options.tolerance_deg * kRadians) continue;
+    if (change > options.tolerance_deg * kRadiansPerDegree) continue;
     if (!is_first_part) break;
     result.iterations = options.l1_iterations;
   }
   for (const Eigen::Vector3d& residual : averaging.residuals())
-    result.errors_deg.push_back(residual.norm() / kRadians);
+    result.errors_deg.push_back(residual.norm() / kRadiansPerDegree);
   return result;
 }
 

@@ -19,11 +19,6 @@ namespace {
 // Weight of conflicts: an image that a fifth of its neighbours contradict has no trust.
 constexpr double kConflictWeight = 5;
 
-bool has_both(const Model& model, const Pair& pair) {
-  return !pair.view.inliers.empty() && model.images[at(pair.first)].registered &&
-         model.images[at(pair.second)].registered;
-}
-
 }  // namespace
 
 Model retriangulated(const Model& model, const std::vector<const Pair*>& pairs,
@@ -55,7 +50,7 @@ void update_trust_by_all_pairs(const MapperInput& input, const MapperOptions& op
     for (std::size_t k = 0; k < input.pairs.size(); ++k) {
       throw_if_stopped(stop);
       const Pair& pair = input.pairs[k];
-      if (!has_both(model, pair) || !agrees(model, pair)) continue;
+      if (!is_registered(model, pair) || !agrees(model, pair)) continue;
       agreeing.push_back(&pair);
       refused[k] = missing_features.contains({pair.first, pair.second}) ? 1 : 0;
     }

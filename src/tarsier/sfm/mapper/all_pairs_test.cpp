@@ -15,12 +15,12 @@
 namespace tarsier::sfm {
 namespace {
 
-using testing::kPrismImages;
-using testing::kPrismSide;
+using test_support::kPrismImages;
+using test_support::kPrismSide;
 
 // A prism, and its reconstruction from the pairs within the same side only.
 struct Scene {
-  explicit Scene(bool folded) : prism(testing::prism(folded)), colors(kPrismImages) {
+  explicit Scene(bool folded) : prism(test_support::prism(folded)), colors(kPrismImages) {
     for (std::size_t i = 0; i < colors.size(); ++i)
       colors[i].resize(prism.model.images[i].features.size());
     std::vector<const Pair*> of_one_side;
@@ -37,7 +37,7 @@ struct Scene {
             .descriptors = descriptors,
             .pairs = prism.pairs};
   }
-  testing::Prism prism;
+  test_support::Prism prism;
   std::vector<std::vector<cv::Vec3b>> colors;
   std::vector<cv::Mat> descriptors;
   MapperOptions options;

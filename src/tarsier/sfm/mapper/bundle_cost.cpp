@@ -18,7 +18,7 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // a point is refined if its cost exceeds this times its cost before the step
 constexpr double kMaxCostRatio = 1.05;
-constexpr int kMaxSteps = 6;         // per refined point
+constexpr int kMaxPointSteps = 6;    // per refined point
 constexpr double kSmallGain = 1e-3;  // share of the cost; a step with a smaller gain is the last
 
 using Eigen::Matrix2d;
@@ -54,7 +54,7 @@ void refine(const BundleProblem& problem, const BundleState& state, std::size_t 
   Matrix2d factor;
   Matrix2x3 by_position;
   double damping = 1e-4;
-  for (int step = 0; step < kMaxSteps; ++step) {
+  for (int step = 0; step < kMaxPointSteps; ++step) {
     Matrix3d hessian = Matrix3d::Zero();
     Vector3d gradient = Vector3d::Zero();
     for (std::size_t k = problem.first[p]; k < problem.first[p + 1]; ++k) {

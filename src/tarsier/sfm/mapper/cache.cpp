@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::int64_t kMaxBytes = 1'000'000'000;
+constexpr std::int64_t kMaxCacheBytes = 1'000'000'000;
 constexpr std::int64_t kMaxFlowBytes = 16'000'000'000;  // one file for all images
 constexpr std::string_view kCheckpointEnding = ".mapper";
 
@@ -29,7 +29,7 @@ std::string Cache::path_of(const std::string& key, const char* ending) const {
 std::optional<Features> Cache::features(const std::string& key) const {
   if (folder_.empty()) return std::nullopt;
   try {
-    PackedReader reader(path_of(key, ".features"), kMaxBytes);
+    PackedReader reader(path_of(key, ".features"), kMaxCacheBytes);
     return get_features(reader);
   } catch (const Damaged&) {
   } catch (const InputError&) {
@@ -47,7 +47,7 @@ void Cache::store(const std::string& key, const Features& features) const {
 Cache::Pairs Cache::pairs(const std::string& key) const {
   if (folder_.empty()) return {};
   try {
-    PackedReader reader(path_of(key, ".pairs"), kMaxBytes);
+    PackedReader reader(path_of(key, ".pairs"), kMaxCacheBytes);
     Pairs pairs;
     const auto count = reader.get<std::uint64_t>();
     for (std::uint64_t k = 0; k < count; ++k) {

@@ -16,9 +16,9 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr int kSamples = 12;
-constexpr int kPointsPerImage = 600;
-constexpr int kMaxObservations = 40;  // per point
-constexpr double kMinSigma = 1e-6;    // px, used where all residuals are 0
+constexpr int kEvaluatedPointsPerImage = 600;
+constexpr int kMaxPointObservations = 40;  // per point
+constexpr double kMinSigma = 1e-6;         // px, used where all residuals are 0
 constexpr double kReferenceSigma = 0.01;
 
 BundleOptions lens_options(const MapperOptions& options, std::size_t images) {
@@ -53,8 +53,9 @@ std::optional<CenterUncertainty> center_uncertainty(const Model& model,
     observations += model.points[p].track.size();
   }
   BundleOptions bundle = lens_options(options, images.size());
-  bundle.max_observations = kMaxObservations;
-  bundle.points = select_points(model, points, images, kPointsPerImage, kMaxObservations);
+  bundle.max_observations = kMaxPointObservations;
+  bundle.points =
+      select_points(model, points, images, kEvaluatedPointsPerImage, kMaxPointObservations);
   const ModelProblem of_model = problem_of(model, bundle);
   if (of_model.points.empty() || of_model.images.size() < 3) return std::nullopt;
 

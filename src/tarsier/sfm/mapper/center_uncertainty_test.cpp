@@ -12,12 +12,11 @@
 #include <opencv2/core/utility.hpp>
 
 #include <cmath>
+#include <numbers>
 #include <vector>
 
 namespace tarsier::sfm {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 // Cameras on an arc of a circle of radius 1, 6 degrees apart. They look outwards at a wall at
 // radius 4. Each observes the points within 25 degrees. 60 cameras close the circle.
@@ -30,7 +29,7 @@ Model arc(int cameras, double noise_px, std::uint64_t seed, int points_per_step 
   camera.cx = 320;
   camera.cy = 240;
   model.cameras = {camera};
-  const double step = kPi / 30;
+  const double step = std::numbers::pi / 30;
   for (int i = 0; i < cameras; ++i) {
     const double angle = step * i;
     Image image;
@@ -54,7 +53,7 @@ Model arc(int cameras, double noise_px, std::uint64_t seed, int points_per_step 
     point.position = {radius * std::cos(angle), places.uniform(-1, 1), radius * std::sin(angle)};
     for (int i = 0; i < cameras; ++i) {
       Image& image = model.images[at(i)];
-      if (std::cos(angle - step * i) < std::cos(25 * kPi / 180)) continue;
+      if (std::cos(angle - step * i) < std::cos(25 * std::numbers::pi / 180)) continue;
       const auto pixel = camera.project(image.pose * point.position);
       if (!pixel) continue;
       point.track.push_back({i, static_cast<int>(image.features.size())});

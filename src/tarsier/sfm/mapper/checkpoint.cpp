@@ -17,7 +17,7 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::int64_t kMaxBytes = 16'000'000'000;
+constexpr std::int64_t kMaxCheckpointBytes = 16'000'000'000;
 constexpr std::int32_t kVersion = 5;  // of the format, and of the mapping algorithm
 
 void put(PackedWriter& writer, const std::vector<geometry::Camera>& cameras) {
@@ -367,7 +367,7 @@ void write_checkpoint(const std::string& path, const MapperState& state) {
 
 std::optional<MapperState> read_checkpoint(const std::string& path) {
   try {
-    PackedReader reader(path, kMaxBytes);
+    PackedReader reader(path, kMaxCheckpointBytes);
     if (reader.get<std::int32_t>() != kVersion) return std::nullopt;
     return get_state(reader, false);
   } catch (const Damaged&) {

@@ -91,7 +91,7 @@ TEST(ColmapDatabase, ReplacesExistingFile) {
 // Writes drawn() and changes it.
 void write_changed(const std::string& path, const std::string& statements) {
   write_colmap_database(path, drawn());
-  Database file(path, testing::colmap_database_kind(), DatabaseAccess::kWrite);
+  Database file(path, test_support::colmap_database_kind(), DatabaseAccess::kWrite);
   file.run("PRAGMA foreign_keys = OFF");
   file.run(statements);
 }

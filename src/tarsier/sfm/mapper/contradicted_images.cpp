@@ -13,10 +13,10 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kMinPoints = 50;  // an image with as many points is never removed
+constexpr int kMinTrustedPoints = 50;  // an image with as many points is never removed
 constexpr double kMinExplainedShare = 0.5;
 constexpr double kMinPairShare = 0.8;  // share of a pair's inliers that are explained
-constexpr double kMaxEpipolarErrorPx = 2;
+constexpr double kMaxMatchErrorPx = 2;
 constexpr int kMinModelImages = 8;
 
 int registered_images(const Model& model) {
@@ -78,7 +78,7 @@ std::vector<ContradictedImage> remove_contradicted_images(const std::vector<Pair
     if (!image.registered) continue;
     const auto points = static_cast<int>(
         std::count_if(image.points.begin(), image.points.end(), [](int p) { return p >= 0; }));
-    if (points >= kMinPoints) continue;
+    if (points >= kMinTrustedPoints) continue;
     candidate_of[i] = static_cast<int>(candidates.size());
     candidates.push_back({.image = static_cast<int>(i), .points = points});
   }
@@ -89,7 +89,7 @@ std::vector<ContradictedImage> remove_contradicted_images(const std::vector<Pair
       continue;
     const std::size_t inliers = pair.view.inliers.size();
     const bool is_explained =
-        static_cast<double>(explained_matches(model, pair, kMaxEpipolarErrorPx)) >=
+        static_cast<double>(explained_matches(model, pair, kMaxMatchErrorPx)) >=
         kMinPairShare * static_cast<double>(inliers);
     for (const int image : {pair.first, pair.second}) {
       if (candidate_of[at(image)] < 0) continue;

@@ -12,8 +12,8 @@
 namespace tarsier::sfm {
 namespace {
 
-using testing::kPrismImages;
-using testing::Prism;
+using test_support::kPrismImages;
+using test_support::Prism;
 
 constexpr int kImage = 5;
 
@@ -27,7 +27,7 @@ void link_points(Model& model) {
 // A prism in which one image observes only `points` points; `misplaced`: with the pose of an image
 // on the opposite side.
 Prism prism_with_image(int points, bool misplaced) {
-  Prism prism = testing::prism(false);
+  Prism prism = test_support::prism(false);
   Model& model = prism.model;
   int kept = 0;
   for (Point& point : model.points) {
@@ -91,7 +91,7 @@ TEST(ContradictedImages, OutcomesAndOrderOfModelsFollow) {
   Prism first = prism_with_image(30, true);
   keep_first(9, first);
   Reconstruction made;
-  made.models = {first.model, testing::prism(false).model};
+  made.models = {first.model, test_support::prism(false).model};
   for (int i = 0; i < kPrismImages; ++i)
     made.models[1].images[at(i)].registered = i >= 20 && i < 29;
   made.models[1].points.clear();

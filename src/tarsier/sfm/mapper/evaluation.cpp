@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/evaluation.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/image_file.h"
@@ -22,8 +23,7 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kDegrees = 180 / CV_PI;
-constexpr std::int64_t kMaxBytes = 100'000'000;
+constexpr std::int64_t kMaxTruthBytes = 100'000'000;
 constexpr ArchiveLimits kLineLimits{1'000'000, 16, 100'000};
 constexpr double kThresholds[] = {0.5, 1, 3, 5};
 
@@ -48,7 +48,7 @@ double pair_error(const geometry::Rigid3& a, const geometry::Rigid3& b,
   const geometry::Rigid3 expected = true_b * true_a.inverse();
   const double rotation = geometry::angle_of(relative.rotation * expected.rotation.transpose());
   const double direction = angle_between(relative.translation, expected.translation);
-  return std::max(rotation, direction) * kDegrees;
+  return std::max(rotation, direction) * kDegreesPerRadian;
 }
 
 // Area under recall(error) from 0 to the threshold, in percent of the threshold.
@@ -78,7 +78,7 @@ PoseTruth read_pose_truth(const std::string& path) {
       if (image.registered) truth[image.name] = image.pose;
     return truth;
   }
-  std::istringstream file(read_file(path, kMaxBytes));
+  std::istringstream file(read_file(path, kMaxTruthBytes));
   std::string text;
   for (int number = 1; std::getline(file, text); ++number) {
     if (text.find_first_not_of(" \t\r") == std::string::npos) continue;
@@ -145,7 +145,8 @@ PoseScores evaluate_poses(const Model& model, const PoseTruth& truth, const std:
       scores.center_worst = names[i];
     }
     const Eigen::Matrix3d rotation = found.at(names[i]).rotation * true_from_found.transpose();
-    rotations += geometry::angle_of(rotation * truth.at(names[i]).rotation.transpose()) * kDegrees;
+    rotations +=
+        geometry::angle_of(rotation * truth.at(names[i]).rotation.transpose()) * kDegreesPerRadian;
   }
   const auto count = static_cast<double>(errors.size());
   scores.center_mean = std::accumulate(errors.begin(), errors.end(), 0.0) / count;

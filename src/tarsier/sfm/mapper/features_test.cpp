@@ -12,7 +12,7 @@
 namespace tarsier::sfm {
 namespace {
 
-cv::Mat blob(double x, double y, double sigma) {
+cv::Mat blob_image(double x, double y, double sigma) {
   cv::Mat image(160, 200, CV_8UC1);
   for (int v = 0; v < image.rows; ++v) {
     for (int u = 0; u < image.cols; ++u) {
@@ -27,7 +27,7 @@ cv::Mat blob(double x, double y, double sigma) {
 TEST(FindFeatures, LocatesBlobCentre) {
   for (const double sigma : {2.2, 4.0, 6.0}) {
     for (const cv::Point2d at : {cv::Point2d(100, 80), cv::Point2d(91.3, 79.6)}) {
-      const Features features = find_features(blob(at.x, at.y, sigma), {});
+      const Features features = find_features(blob_image(at.x, at.y, sigma), {});
       ASSERT_FALSE(features.points.empty()) << sigma;
       double nearest = 1e9;
       for (const cv::Point2f& p : features.points)

@@ -24,16 +24,16 @@ constexpr int kStoredSide = kSide + 2;  // with a margin for its gradients
 constexpr int kPixels = kSide * kSide;  // in a patch
 constexpr int kParameters = 6;          // of an affine map
 constexpr double kSmoothing = 1;  // px; with less, the pixel grid would be visible after resampling
-constexpr int kMinSide = 48;      // px, of the coarsest image of a pyramid
-constexpr int kMaxLevels = 5;     // above the full image
-constexpr int kIterations = 20;   // max per alignment; most need three
+constexpr int kMinCoarsestSide = 48;      // px, of the coarsest image of a pyramid
+constexpr int kMaxLevels = 5;             // above the full image
+constexpr int kIterations = 20;           // max per alignment; most need three
 constexpr double kConvergencePx = 0.003;  // px
 constexpr double kMaxCorrection = 2;      // px; alignments with larger corrections are wrong
 constexpr double kMaxZoom = 2.5;          // of a patch, in or out
 // of a patch's shape from frame to frame, relative to its radius
 constexpr double kMaxShapeChange = 0.35;
-constexpr double kMinGain = 0.2;             // min contrast relative to the first frame
-constexpr int kBlock = 5;                    // px, window of a corner
+constexpr double kMinContrastGain = 0.2;     // min contrast relative to the first frame
+constexpr int kCornerWindow = 5;             // px, window of a corner
 constexpr double kMinCornerQuality = 0.001;  // of a corner, relative to the best of the image
 // gradients of 0.7 per px in all directions: above noise
 constexpr double kMinCornerStrength = 3e-5;
@@ -55,7 +55,8 @@ cv::Vec3b color_at(const cv::Mat& image, const cv::Point2f& point) {
 
 int levels_of(cv::Size size) {
   int levels = 0;
-  while (levels < kMaxLevels && std::min(size.width, size.height) >> (levels + 1) >= kMinSide)
+  while (levels < kMaxLevels &&
+         std::min(size.width, size.height) >> (levels + 1) >= kMinCoarsestSide)
     ++levels;
   return levels;
 }
@@ -118,7 +119,7 @@ class Template {
     for (int iteration = 0; iteration < kIterations; ++iteration) {
       if (!sample(image, warp, seen)) return std::nullopt;
       const double gain = dot(seen, values_) / square_;
-      if (gain < kMinGain) return std::nullopt;
+      if (gain < kMinContrastGain) return std::nullopt;
       Parameters right;
       for (int k = 0; k < kParameters; ++k) right(k) = dot(slopes_[k], seen) / gain;
       const Parameters step = inverse_ * right;
@@ -321,7 +322,7 @@ void FlowTracker::begin(const cv::Mat& image, const cv::Mat& gray, const cv::Mat
   if (missing <= 0) return;
   // Local maxima that are near neither a tracked point nor a better maximum.
   cv::Mat corners;
-  cv::cornerMinEigenVal(gray, corners, kBlock);
+  cv::cornerMinEigenVal(gray, corners, kCornerWindow);
   double best = 0;
   cv::minMaxLoc(corners, nullptr, &best);
   const auto min_strength =

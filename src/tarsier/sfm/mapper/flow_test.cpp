@@ -7,13 +7,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <stdexcept>
 
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kPi = 3.14159265358979;
-const cv::Size kSize(320, 240);
+const cv::Size kFrameSize(320, 240);
 
 // A smooth, unbounded surface with a known value at every position, not only at pixels.
 class Texture {
@@ -22,9 +22,10 @@ class Texture {
     Rng rng(seed);
     for (int i = 0; i < 40; ++i) {
       const double length = rng.uniform(9, 50);  // px
-      const double angle = rng.uniform(0, 2 * kPi);
-      waves_.push_back({2 * kPi / length * std::cos(angle), 2 * kPi / length * std::sin(angle),
-                        rng.uniform(0, 2 * kPi)});
+      const double angle = rng.uniform(0, 2 * std::numbers::pi);
+      waves_.push_back({2 * std::numbers::pi / length * std::cos(angle),
+                        2 * std::numbers::pi / length * std::sin(angle),
+                        rng.uniform(0, 2 * std::numbers::pi)});
     }
   }
   // The values at `begin`, `begin + step` .. of a line. Rotating a vector is many times faster than
@@ -77,7 +78,7 @@ struct Motion {
 };
 
 cv::Mat drawn(const Texture& texture, const Motion& motion, int frame) {
-  cv::Mat image(kSize, CV_8UC1);
+  cv::Mat image(kFrameSize, CV_8UC1);
   for (int y = 0; y < image.rows; ++y) {
     const cv::Point2d begin = motion.world(cv::Point2d(0, y), frame);
     const cv::Point2d step = motion.world(cv::Point2d(1, y), frame) - begin;
@@ -238,7 +239,8 @@ TEST(Flow, FeaturesAndMatchesAreConsistent) {
   for (int k = 0; k < 5; ++k) {
     cv::Mat gray = drawn(texture, motion, k);
     cv::Mat color;
-    cv::merge(std::vector<cv::Mat>{gray, gray / 2, cv::Mat(kSize, CV_8UC1, cv::Scalar(9))}, color);
+    cv::merge(std::vector<cv::Mat>{gray, gray / 2, cv::Mat(kFrameSize, CV_8UC1, cv::Scalar(9))},
+              color);
     frames.push_back(color);
   }
   const FlowResult result = tracked(frames, {});
@@ -287,12 +289,12 @@ TEST(Flow, IsTheSameForAnyNumberOfThreads) {
 
 TEST(Flow, AcceptsUniformFramesAndRefusesInvalidOnes) {
   FlowTracker tracker({});
-  const cv::Mat flat(kSize, CV_8UC1, cv::Scalar(80));
+  const cv::Mat flat(kFrameSize, CV_8UC1, cv::Scalar(80));
   tracker.add(flat);
   tracker.add(flat);
   EXPECT_EQ(tracker.count(), 2);
   EXPECT_THROW(tracker.add(cv::Mat(100, 100, CV_8UC1, cv::Scalar(0))), std::invalid_argument);
-  EXPECT_THROW(tracker.add(cv::Mat(kSize, CV_32FC1, cv::Scalar(0))), std::invalid_argument);
+  EXPECT_THROW(tracker.add(cv::Mat(kFrameSize, CV_32FC1, cv::Scalar(0))), std::invalid_argument);
   EXPECT_THROW(tracker.add(cv::Mat()), std::invalid_argument);
   const FlowResult result = tracker.finish();
   EXPECT_EQ(result.features.size(), 2U);

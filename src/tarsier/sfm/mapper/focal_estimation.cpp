@@ -18,7 +18,7 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kMinInliers = 40;
+constexpr std::size_t kMinMotionInliers = 40;
 constexpr double kMaxPlaneShare = 0.7;  // share of the inliers: such pairs are left out
 constexpr std::size_t kMaxPairs = 200;  // per pair of cameras
 constexpr std::size_t kMaxAllPairs = 2000;
@@ -26,7 +26,7 @@ constexpr std::size_t kMaxInliers = 150;  // per pair
 constexpr int kFactorsPerSide = 11;       // number of factors above and below 1
 constexpr double kLogStep = 0.1;          // of the logarithms of the factors
 constexpr int kFactors = 2 * kFactorsPerSide + 1;
-constexpr int kRounds = 8;  // iterations for refining a motion at a factor
+constexpr int kMotionRounds = 8;  // iterations for refining a motion at a factor
 constexpr std::size_t kFolds = 5;
 constexpr double kMaxSpread = 0.1;
 
@@ -93,7 +93,7 @@ class Estimator {
     std::vector<const Pair*> usable;
     for (const Pair& pair : pairs_) {
       const std::size_t inliers = pair.view.inliers.size();
-      if (inliers >= kMinInliers && (is_guess(pair.first) || is_guess(pair.second)) &&
+      if (inliers >= kMinMotionInliers && (is_guess(pair.first) || is_guess(pair.second)) &&
           pair.view.homography_inliers < kMaxPlaneShare * static_cast<double>(inliers))
         usable.push_back(&pair);
     }
@@ -159,7 +159,8 @@ class Estimator {
       const int step = from < to ? 1 : -1;
       for (int k = from; k != to + step; k += step) {
         const double focal = set_rays(pair, pixels, factor_of(k), rays);
-        const RefinedMotion refined = refine_motion(rays, motion, threshold_px_ / focal, kRounds);
+        const RefinedMotion refined =
+            refine_motion(rays, motion, threshold_px_ / focal, kMotionRounds);
         if (refined.cost < curve[at(k)]) {
           curve[at(k)] = refined.cost;
           motions[at(k)] = refined.second_from_first;

@@ -15,18 +15,18 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kFocal = 500;
+constexpr double kTrueFocal = 500;
 constexpr double kThresholdPx = 1.5;
 
 // Six images of the same points, all pairs verified. The given focal length is wrong.
-struct Scene {
+struct CameraPath {
   std::vector<geometry::Camera> cameras;
   std::vector<Image> images;
   std::vector<Pair> pairs;
 
-  explicit Scene(double known_focal, bool is_flat = false) {
+  explicit CameraPath(double known_focal, bool is_flat = false) {
     const geometry::Camera lens{
-        .width = 640, .height = 480, .fx = kFocal, .fy = kFocal, .cx = 320, .cy = 240};
+        .width = 640, .height = 480, .fx = kTrueFocal, .fy = kTrueFocal, .cx = 320, .cy = 240};
     cameras = {lens};
     cameras[0].fx = cameras[0].fy = known_focal;
     Rng rng(1);
@@ -72,15 +72,15 @@ struct Scene {
 
 TEST(FocalEstimation, FindsTheFocalLengthFromPairs) {
   for (const double known : {250.0, 800.0, 1200.0}) {
-    const std::vector<FocalEstimate> found = Scene(known).estimate();
+    const std::vector<FocalEstimate> found = CameraPath(known).estimate();
     ASSERT_EQ(found.size(), 1U) << known;
-    EXPECT_NEAR(found[0].focal_px, kFocal, 0.04 * kFocal) << known;
+    EXPECT_NEAR(found[0].focal_px, kTrueFocal, 0.04 * kTrueFocal) << known;
     EXPECT_EQ(found[0].pairs, 15);
   }
 }
 
 TEST(FocalEstimation, IsTheSameForAnyNumberOfThreads) {
-  const Scene scene(800);
+  const CameraPath scene(800);
   cv::setNumThreads(1);
   const std::vector<FocalEstimate> one = scene.estimate();
   cv::setNumThreads(3);
@@ -92,47 +92,49 @@ TEST(FocalEstimation, IsTheSameForAnyNumberOfThreads) {
 }
 
 TEST(FocalEstimation, SkipsKnownLens) {
-  const Scene scene(800);
+  const CameraPath scene(800);
   EXPECT_TRUE(
       estimate_focal_lengths(scene.cameras, {0}, scene.images, scene.pairs, kThresholdPx, {})
           .empty());
 }
 
-TEST(FocalEstimation, IsEmptyForPlanarScene) { EXPECT_TRUE(Scene(800, true).estimate().empty()); }
+TEST(FocalEstimation, IsEmptyForPlanarScene) {
+  EXPECT_TRUE(CameraPath(800, true).estimate().empty());
+}
 
 TEST(FocalEstimation, IsEmptyForFewPairs) {
-  Scene scene(800);
+  CameraPath scene(800);
   scene.pairs.resize(4);
   EXPECT_TRUE(scene.estimate().empty());
 }
 
 // Images 0 to 2 have a known lens, the others an unknown one.
 TEST(FocalEstimation, UsesPairsWithAKnownLens) {
-  Scene scene(800);
+  CameraPath scene(800);
   scene.cameras.push_back(scene.cameras[0]);
-  scene.cameras[0].fx = scene.cameras[0].fy = kFocal;
+  scene.cameras[0].fx = scene.cameras[0].fy = kTrueFocal;
   for (std::size_t i = 3; i < 6; ++i) scene.images[i].camera = 1;
   const std::vector<FocalEstimate> found =
       estimate_focal_lengths(scene.cameras, {0, 1}, scene.images, scene.pairs, kThresholdPx, {});
   ASSERT_EQ(found.size(), 1U);
   EXPECT_EQ(found[0].camera, 1);
   EXPECT_EQ(found[0].pairs, 12);  // all pairs except those of the known lens alone
-  EXPECT_NEAR(found[0].focal_px, kFocal, 0.04 * kFocal);
+  EXPECT_NEAR(found[0].focal_px, kTrueFocal, 0.04 * kTrueFocal);
 }
 
 // Each image has its own camera. No camera has five pairs of its own, but all pairs together give
 // the factor.
 TEST(FocalEstimation, CamerasWithFewPairsTakeCommonFactor) {
-  Scene scene(800);
+  CameraPath scene(800);
   scene.cameras.resize(6, scene.cameras[0]);
   for (int i = 0; i < 6; ++i) scene.images[static_cast<std::size_t>(i)].camera = i;
   const std::vector<FocalEstimate> found = scene.estimate();
   ASSERT_EQ(found.size(), 6U);
-  for (const FocalEstimate& each : found) EXPECT_NEAR(each.focal_px, kFocal, 0.04 * kFocal);
+  for (const FocalEstimate& each : found) EXPECT_NEAR(each.focal_px, kTrueFocal, 0.04 * kTrueFocal);
 }
 
 TEST(FocalEstimation, MotionIsCorrectWithKnownFocalLength) {
-  Scene scene(800);
+  CameraPath scene(800);
   const Pair& pair = scene.pairs[3];  // of images 0 and 4
   const geometry::Rigid3 truth = scene.images[4].pose * scene.images[0].pose.inverse();
   const auto rotation_error = [&](const TwoView& view) {
@@ -140,7 +142,7 @@ TEST(FocalEstimation, MotionIsCorrectWithKnownFocalLength) {
   };
   TwoView view = pair.view;
   const geometry::Camera right{
-      .width = 640, .height = 480, .fx = kFocal, .fy = kFocal, .cx = 320, .cy = 240};
+      .width = 640, .height = 480, .fx = kTrueFocal, .fy = kTrueFocal, .cx = 320, .cy = 240};
   estimate_motion_again(scene.images[0].features, scene.images[4].features, right, right, {}, view);
   EXPECT_EQ(view.inliers, pair.view.inliers);
   EXPECT_LT(rotation_error(view), 0.01);
@@ -150,7 +152,7 @@ TEST(FocalEstimation, MotionIsCorrectWithKnownFocalLength) {
 
 // A model gives another focal length.
 TEST(FocalEstimation, AdoptsFocalLengthOfModel) {
-  Scene scene(800);
+  CameraPath scene(800);
   ImageSet images{PipelineOptions()};
   for (const Image& image : scene.images) {
     ImageFeatures features;
@@ -166,10 +168,10 @@ TEST(FocalEstimation, AdoptsFocalLengthOfModel) {
   std::vector<Pair> pairs = scene.pairs;
   EXPECT_TRUE(images.adopt_focal_lengths({model}, 0.15, pairs, {}).empty());  // the same
   EXPECT_FALSE(images.is_estimated(0));
-  model.cameras[0].fx = model.cameras[0].fy = kFocal;
+  model.cameras[0].fx = model.cameras[0].fy = kTrueFocal;
   EXPECT_EQ(images.adopt_focal_lengths({model}, 0.15, pairs, {}).size(), 1U);
   EXPECT_TRUE(images.is_estimated(0));
-  EXPECT_EQ(images.cameras()[0].fx, kFocal);
+  EXPECT_EQ(images.cameras()[0].fx, kTrueFocal);
   for (const Pair& pair : pairs) {
     const geometry::Rigid3 truth =
         scene.images[static_cast<std::size_t>(pair.second)].pose *

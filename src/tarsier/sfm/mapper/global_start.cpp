@@ -37,11 +37,11 @@ constexpr double kTolerance = 1e-4;
 constexpr double kMaxShortRadius = 60;
 constexpr double kMinShare = 0.5;  // min share of images, and of observations that agree at the end
 // Threshold in units of reprojection_px, and scale of Cauchy's loss for the next adjustment, px.
-struct Round {
+struct AdjustmentRound {
   double threshold;
   double loss_px;
 };
-constexpr Round kRounds[] = {{25, 8}, {8, 3}, {3, 1}, {1.5, 0.5}};
+constexpr AdjustmentRound kAdjustmentRounds[] = {{25, 8}, {8, 3}, {3, 1}, {1.5, 0.5}};
 
 class GlobalMapping {
  public:
@@ -115,8 +115,8 @@ class GlobalMapping {
   // The rough model of a restored state.
   std::optional<PartialGlobalModel> partial_model() {
     if (step_ != GlobalStartState::kAdjustment) return std::nullopt;
-    const std::size_t round = std::min(at(round_), std::size(kRounds) - 1);
-    filter(kRounds[round].threshold * options_.reprojection_px);
+    const std::size_t round = std::min(at(round_), std::size(kAdjustmentRounds) - 1);
+    filter(kAdjustmentRounds[round].threshold * options_.reprojection_px);
     keep_connected();
     if (statistics_of(start_.model).registered < 2) return std::nullopt;
     return PartialGlobalModel{std::move(start_.model), std::move(tracks_)};
@@ -358,14 +358,14 @@ class GlobalMapping {
     const int steps = radius(static_cast<int>(nodes_.size()), edges_of_nodes());
     const double share = std::min(1.0, kMaxShortRadius / std::max(1, steps));
     const double tolerance = kTolerance * share * share;
-    for (std::size_t k = at(round_); k < std::size(kRounds); ++k) {
-      const Round& round = kRounds[k];
+    for (std::size_t k = at(round_); k < std::size(kAdjustmentRounds); ++k) {
+      const AdjustmentRound& round = kAdjustmentRounds[k];
       filter(round.threshold * options_.reprojection_px);
       keep_connected();
       BundleOptions bundle;
       bundle.loss_px = round.loss_px;
       bundle.max_iterations = kMaxSteps;
-      const bool is_intermediate = k > 0 && k + 1 < std::size(kRounds);
+      const bool is_intermediate = k > 0 && k + 1 < std::size(kAdjustmentRounds);
       bundle.tolerance = is_intermediate ? kTolerance : tolerance;
       bundle.focal = options_.refine_focal && round.threshold < 10;
       bundle.distortion = options_.refine_distortion && round.threshold < 5;

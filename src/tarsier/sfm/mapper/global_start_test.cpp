@@ -8,6 +8,7 @@
 #include "tarsier/sfm/mapper/outcomes.h"
 #include "tarsier/sfm/mapper/repeated_structure.h"
 #include "tarsier/sfm/mapper/testing_centers.h"
+#include "tarsier/sfm/mapper/testing_reconstruction.h"
 #include "tarsier/sfm/mapper/trust.h"
 #include "tarsier/synth/observed_site.h"
 
@@ -26,6 +27,8 @@
 
 namespace tarsier::sfm {
 namespace {
+
+using test_support::expect_same;
 
 using testing::HasSubstr;
 
@@ -91,23 +94,6 @@ Reconstruction run(const TestSite& given, MapperChoice choice, int auto_global =
 
 int registered(const Reconstruction& built) {
   return built.models.empty() ? 0 : statistics_of(built.models[0]).registered;
-}
-
-void expect_same(const Reconstruction& built, const Reconstruction& expected) {
-  EXPECT_EQ(built.log, expected.log);
-  EXPECT_EQ(built.trust, expected.trust);
-  ASSERT_EQ(built.models.size(), expected.models.size());
-  for (std::size_t m = 0; m < expected.models.size(); ++m) {
-    const Model& model = built.models[m];
-    const Model& other = expected.models[m];
-    for (std::size_t i = 0; i < other.images.size(); ++i)
-      EXPECT_EQ(model.images[i].pose.translation, other.images[i].pose.translation);
-    ASSERT_EQ(model.points.size(), other.points.size());
-    for (std::size_t p = 0; p < other.points.size(); ++p) {
-      EXPECT_EQ(model.points[p].position, other.points[p].position);
-      EXPECT_EQ(model.points[p].track, other.points[p].track);
-    }
-  }
 }
 
 // Two rings without pairs between them, and a few pairs that contradict the others.

@@ -11,11 +11,11 @@ namespace {
 
 constexpr double kAdjustmentGrowth = 1.25;  // growth of the model after which the whole is adjusted
 // Efforts of adjustments while the model still changes, and at the end.
-constexpr IncrementalMapper::RefineOptions kRoughRefinement{
+constexpr IncrementalMapper::RefineOptions kGrowthRefinement{
     .tolerance = 1e-3, .points_per_image = 600, .max_observations = 40};
 constexpr IncrementalMapper::RefineOptions kFineRefinement{.tolerance = 1e-5};
-constexpr int kMaxObservations = 1'000'000;  // per adjustment: 400 to 700 bytes each
-constexpr int kMinVisiblePoints = 6;         // min points that an image sees to be tried
+constexpr int kMaxAdjustedObservations = 1'000'000;  // per adjustment: 400 to 700 bytes each
+constexpr int kMinVisiblePoints = 6;                 // min points that an image sees to be tried
 // share of all observations gained by tracks: extend once more
 constexpr double kMinExtensionGain = 0.1;
 
@@ -25,10 +25,11 @@ enum Stage { kAdd, kRefine, kExtend, kExtendAgain, kLast, kDone };
 // The final effort: all points, or as many as memory allows, but not fewer than before.
 IncrementalMapper::RefineOptions fine_refinement(const IncrementalMapper& mapper) {
   IncrementalMapper::RefineOptions refinement = kFineRefinement;
-  if (mapper.observations() > kMaxObservations) {
-    refinement.points_per_image = std::max(kRoughRefinement.points_per_image,
-                                           kMaxObservations / std::max(1, mapper.registered()));
-    refinement.max_observations = kRoughRefinement.max_observations;
+  if (mapper.observations() > kMaxAdjustedObservations) {
+    refinement.points_per_image =
+        std::max(kGrowthRefinement.points_per_image,
+                 kMaxAdjustedObservations / std::max(1, mapper.registered()));
+    refinement.max_observations = kGrowthRefinement.max_observations;
   }
   return refinement;
 }
@@ -76,7 +77,7 @@ bool add_one(IncrementalMapper& mapper, const std::vector<bool>& used, Growth& g
 }
 
 void adjust(IncrementalMapper& mapper, Growth& growth, const std::stop_token& stop) {
-  mapper.refine_all(1, kRoughRefinement, stop);
+  mapper.refine_all(1, kGrowthRefinement, stop);
   growth.adjusted_at = mapper.registered();
 }
 
@@ -108,7 +109,7 @@ void grow(IncrementalMapper& mapper, const std::vector<bool>& used, Growth& grow
         enter(kRefine);
         break;
       case kRefine: {
-        const bool changed = mapper.refine_once(kRoughRefinement, stop);
+        const bool changed = mapper.refine_once(kGrowthRefinement, stop);
         if (++growth.round == 3 || !changed) enter(kExtend);
         break;
       }
@@ -127,7 +128,7 @@ void grow(IncrementalMapper& mapper, const std::vector<bool>& used, Growth& grow
           }
         } else {
           const bool is_converged = growth.round == kConverged;
-          mapper.refine_once(kRoughRefinement, stop);
+          mapper.refine_once(kGrowthRefinement, stop);
           enter(is_converged ? kLast : growth.stage + 1);
         }
         break;

@@ -31,7 +31,7 @@ constexpr std::int64_t kMaxFileBytes = 512'000'000;
 constexpr int kMaxExhaustiveImages = 60;
 constexpr double kGuessedFocalRatio = 1.2;  // times the longer side
 // min images of a model that determines the focal length of their camera
-constexpr int kMinModelImages = 3;
+constexpr int kMinScaledImages = 3;
 
 // The camera of an image after a clockwise quarter turn: (x, y) becomes (height - 1 - y, x).
 geometry::Camera turned(const geometry::Camera& camera) {
@@ -294,7 +294,7 @@ std::vector<std::string> ImageSet::adopt_focal_lengths(const std::vector<Model>&
     for (const Image& image : model.images)
       registered_images[at(image.camera)] += image.registered ? 1 : 0;
     for (std::size_t c = 0; c < cameras_.size(); ++c) {
-      if (is_guess_[c] == 0 || is_seen[c] != 0 || registered_images[c] < kMinModelImages) continue;
+      if (is_guess_[c] == 0 || is_seen[c] != 0 || registered_images[c] < kMinScaledImages) continue;
       is_seen[c] = 1;
       const double focal = model.cameras[c].fx;
       if (!(std::abs(std::log(focal / cameras_[c].fx)) > min_change)) continue;

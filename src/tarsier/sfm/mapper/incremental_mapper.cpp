@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
@@ -21,11 +22,10 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kRadians = CV_PI / 180;
 constexpr int kMaxRayPairs = 30;
-constexpr int kMaxNeighbours = 6;       // images adjusted together with a new image
-constexpr std::size_t kMinPoints = 30;  // of an initial pair
-constexpr int kLocalPoints = 600;       // per image that is adjusted with a new one
+constexpr int kMaxAdjustedNeighbours = 6;      // images adjusted together with a new image
+constexpr std::size_t kMinInitialPoints = 30;  // of an initial pair
+constexpr int kLocalPoints = 600;              // per image that is adjusted with a new one
 // Max observations of a point used while an image is added. Tracks may be in hundreds of images of
 // a video, and the cost would grow with them.
 constexpr int kLocalObservations = 40;
@@ -237,8 +237,8 @@ bool IncrementalMapper::start(const Pair& pair, const std::stop_token& stop, std
   }
   std::nth_element(angles.begin(), angles.begin() + static_cast<std::ptrdiff_t>(angles.size() / 2),
                    angles.end());
-  const double angle = angles.empty() ? 0 : angles[angles.size() / 2] / kRadians;
-  if (angles.size() >= kMinPoints && angle >= 0.5 * options_.first_angle_deg) return true;
+  const double angle = angles.empty() ? 0 : angles[angles.size() / 2] / kRadiansPerDegree;
+  if (angles.size() >= kMinInitialPoints && angle >= 0.5 * options_.first_angle_deg) return true;
   why = fmt::format("rejected, only {} points with a triangulation angle of {:.1f} degrees",
                     angles.size(), angle);
   first.registered = second.registered = false;
@@ -465,10 +465,10 @@ void IncrementalMapper::refine_around(int image, const std::stop_token& stop) {
   bundle.max_iterations = 20;
   bundle.tolerance = 1e-4;
   bundle.images = {image};
-  for (std::size_t k = 0; k < order.size() && k < kMaxNeighbours; ++k)
+  for (std::size_t k = 0; k < order.size() && k < kMaxAdjustedNeighbours; ++k)
     bundle.images.push_back(order[k].second);
   std::vector<int> points;
-  if (registered() <= kMaxNeighbours + 1) {
+  if (registered() <= kMaxAdjustedNeighbours + 1) {
     bundle.images.clear();  // a small model is adjusted as a whole
     points = all_tracks();
   } else {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/initial_pair.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 
 #include <fmt/format.h>
@@ -9,16 +10,12 @@
 #include <algorithm>
 
 namespace tarsier::sfm {
-namespace {
-
-constexpr double kRadians = CV_PI / 180;
-
-}  // namespace
+namespace {}  // namespace
 
 double initial_pair_score(const Pair& pair, const MapperOptions& options) {
   const auto inliers = static_cast<double>(pair.view.inliers.size());
   if (inliers < options.first_inliers || pair.view.in_front < 0.5 * inliers) return 0;
-  const double angle = pair.view.median_angle / kRadians;
+  const double angle = pair.view.median_angle / kRadiansPerDegree;
   if (angle < options.first_angle_deg) return 0;
   const double plane = std::min(1.0, pair.view.homography_inliers / inliers);
   return pair.view.in_front * std::min(angle, 15.0) / 15 * (1.05 - plane);
@@ -82,7 +79,7 @@ std::string why_no_initial_pair(const std::vector<Pair>& pairs, const std::vecto
   return fmt::format(
       "{}, but their triangulation angle is only {:.1f} degrees: move the camera sideways between "
       "images",
-      names, best->view.median_angle / kRadians);
+      names, best->view.median_angle / kRadiansPerDegree);
 }
 
 }  // namespace tarsier::sfm

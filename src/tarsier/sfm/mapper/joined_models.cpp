@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
@@ -27,12 +28,11 @@ namespace {
 
 using geometry::Sim3;
 
-constexpr double kDegrees = 180 / CV_PI;
 // Losses for adjusting a joined model, from rough to fine: with an open cycle, errors are initially
 // large.
 constexpr double kLossesPx[] = {8, 2, 0.5};  // px
 constexpr std::int64_t kManyObservations = 1'000'000;
-constexpr int kMaxObservations = 40;  // per point, where there are many
+constexpr int kMaxJoinedObservations = 40;  // per point, where there are many
 
 // Sets mean cameras of the models; returns whether they differed.
 bool join_cameras(const std::vector<const Model*>& models, Model& joined) {
@@ -158,7 +158,8 @@ class Builder {
   static bool is_near(const Image& image, const Sim3& root_from_model, const Image& joined,
                       double extent) {
     const geometry::Rigid3 moved = geometry::moved_camera(image.pose, root_from_model);
-    return geometry::angle_of(moved.rotation.transpose() * joined.pose.rotation) * kDegrees <=
+    return geometry::angle_of(moved.rotation.transpose() * joined.pose.rotation) *
+                   kDegreesPerRadian <=
                kMaxLoopDeg &&
            (moved.center() - joined.pose.center()).norm() <= kMaxLoopShare * extent;
   }
@@ -209,7 +210,7 @@ class Builder {
     std::int64_t observations = 0;
     for (const Point& point : joined.points)
       observations += static_cast<std::int64_t>(point.track.size());
-    bundle.max_observations = observations > kManyObservations ? kMaxObservations : 0;
+    bundle.max_observations = observations > kManyObservations ? kMaxJoinedObservations : 0;
     for (const double loss : kLossesPx) {
       const bool is_first = loss == kLossesPx[0];
       bundle.loss_px = loss;

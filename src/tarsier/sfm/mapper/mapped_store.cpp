@@ -20,7 +20,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::size_t kChunk = std::size_t{64} << 20;  // bytes mapped at a time
-constexpr std::size_t kAlignment = 64;                 // alignment of a block of numbers, bytes
+constexpr std::size_t kBlockAlignment = 64;            // alignment of a block of numbers, bytes
 
 std::size_t page_size() { return static_cast<std::size_t>(::sysconf(_SC_PAGESIZE)); }
 
@@ -74,7 +74,7 @@ class MappedStore::File {
     }
     if (!write_all(file_, data, bytes, size_)) return "cannot write the file";
     address = static_cast<const std::uint8_t*>(chunks_.back().data) + filled_;
-    const std::size_t padded_bytes = rounded_up(bytes, kAlignment);
+    const std::size_t padded_bytes = rounded_up(bytes, kBlockAlignment);
     filled_ = std::min(filled_ + padded_bytes, chunks_.back().size);
     size_ += padded_bytes;
     return nullptr;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/mapper.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
@@ -39,7 +40,6 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kRadians = CV_PI / 180;
 constexpr int kMaxInitialPairs = 20;
 // Options of adjustments in extend_model().
 constexpr IncrementalMapper::RefineOptions kRoughRefinement{.tolerance = 1e-3};
@@ -421,7 +421,7 @@ class Mapping {
           "initial pair {} and {} ({} inliers, triangulation angle {:.1f} degrees, {:.0f} % "
           "explained by a homography): {}",
           input_.images[at(pair.first)].name, input_.images[at(pair.second)].name,
-          pair.view.inliers.size(), pair.view.median_angle / kRadians,
+          pair.view.inliers.size(), pair.view.median_angle / kRadiansPerDegree,
           100.0 * pair.view.homography_inliers / static_cast<double>(pair.view.inliers.size()),
           started ? "accepted" : why));
       log_warnings();

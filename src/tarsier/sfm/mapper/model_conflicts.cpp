@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_conflicts.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 #include "tarsier/sfm/global/view_graph.h"
 #include "tarsier/sfm/mapper/feature_grid.h"
@@ -15,12 +16,11 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr double kRadians = CV_PI / 180;
-constexpr int kMinShared = 12;               // min common points of two compared images
-constexpr std::size_t kMaxNeighbours = 40;   // images that each is compared with
-constexpr double kMaxAngle = 12 * kRadians;  // between the rays of two images to a point
-constexpr double kMaxScale = 1.3;            // ratio of their distances to it
-constexpr double kMaxDistance = 6;           // distance() of two images; larger ones are clamped
+constexpr int kMinShared = 12;                        // min common points of two compared images
+constexpr std::size_t kMaxComparedImages = 40;        // images that each is compared with
+constexpr double kMaxAngle = 12 * kRadiansPerDegree;  // between the rays of two images to a point
+constexpr double kMaxScale = 1.3;                     // ratio of their distances to it
+constexpr double kMaxDistance = 6;  // distance() of two images; larger ones are clamped
 // px, of an image of 1000 px: search radius around a projection
 constexpr double kSearchRadiusPx = 2.5;
 constexpr double kChanceShift = 6;  // radii, distance to the positions that measure chance
@@ -36,7 +36,7 @@ constexpr double kMinExpectedElsewhere = 4;
 constexpr double kMinSharedElsewhere = 0.4;  // share of these above which there is no contradiction
 constexpr double kMinExpected = 8;           // min expected points for a contradiction
 constexpr std::size_t kMinPairs = 3;         // min contradicting pairs
-constexpr double kMinShare = 0.005;          // .. as a share of the evaluated ones
+constexpr double kMinConflictShare = 0.005;  // .. as a share of the evaluated ones
 constexpr double kMinHighShare = 0.1;        // .. or this, where no images are of different places
 // min contradictions of one image, in at least one image
 constexpr double kMinImageContradictions = 3;
@@ -178,7 +178,7 @@ class Comparison {
         if (other != static_cast<int>(i) && shared[at(other)] >= kMinShared)
           order.emplace_back((centers_[at(other)] - centers_[i]).squaredNorm(), other);
       std::sort(order.begin(), order.end());
-      if (order.size() > kMaxNeighbours) order.resize(kMaxNeighbours);
+      if (order.size() > kMaxComparedImages) order.resize(kMaxComparedImages);
       for (const auto& [distance, other] : order) neighbours_[i].push_back(other);
       for (const int other : others) shared[at(other)] = 0;
     }
@@ -381,7 +381,7 @@ ModelConflicts::ModelConflicts(const Model& model)
 bool ModelConflicts::any(bool is_repetitive) const {
   const auto pairs = static_cast<double>(pairs_.size());
   const auto evaluated = static_cast<double>(evaluated_);
-  if (pairs_.size() < kMinPairs || pairs < kMinShare * evaluated) return false;
+  if (pairs_.size() < kMinPairs || pairs < kMinConflictShare * evaluated) return false;
   return is_repetitive ||
          (is_clustered_ && (has_different_places_ || pairs >= kMinHighShare * evaluated));
 }

@@ -31,10 +31,10 @@ void observe(const cv::Point2d& pixel, int image_index, int point_index, Image& 
 }
 
 TEST(ModelConflicts, CorrectModelHasNone) {
-  const ModelConflicts conflicts(testing::prism(false).model);
+  const ModelConflicts conflicts(test_support::prism(false).model);
   EXPECT_FALSE(conflicts.any());
-  for (int i = 0; i < testing::kPrismImages; ++i)
-    EXPECT_FALSE(conflicts.are_different(i, (i + 2) % testing::kPrismImages));
+  for (int i = 0; i < test_support::kPrismImages; ++i)
+    EXPECT_FALSE(conflicts.are_different(i, (i + 2) % test_support::kPrismImages));
 }
 
 // An arc of ten images, 4 degrees apart. A third of the points are features of all images. Each
@@ -166,21 +166,21 @@ TEST(ModelConflicts, IgnoreContradictionsOfDenseRow) {
 }
 
 TEST(ModelConflicts, FindSuperimposedSides) {
-  const ModelConflicts conflicts(testing::prism(true).model);
+  const ModelConflicts conflicts(test_support::prism(true).model);
   EXPECT_TRUE(conflicts.any());
   EXPECT_GT(conflicts.pairs().size(), 100U);
   for (const auto& [first, second] : conflicts.pairs())
-    EXPECT_NE(first / testing::kPrismSide, second / testing::kPrismSide);
+    EXPECT_NE(first / test_support::kPrismSide, second / test_support::kPrismSide);
   int different = 0;
-  for (int i = 0; i < testing::kPrismSide; ++i) {
-    different += conflicts.are_different(i, i + testing::kPrismSide) ? 1 : 0;
-    EXPECT_FALSE(conflicts.are_different(i, (i + 3) % testing::kPrismSide)) << i;
+  for (int i = 0; i < test_support::kPrismSide; ++i) {
+    different += conflicts.are_different(i, i + test_support::kPrismSide) ? 1 : 0;
+    EXPECT_FALSE(conflicts.are_different(i, (i + 3) % test_support::kPrismSide)) << i;
   }
-  EXPECT_GE(different, testing::kPrismSide - 2);
-  const auto evidence = conflicts.between(5, 5 + testing::kPrismSide);
+  EXPECT_GE(different, test_support::kPrismSide - 2);
+  const auto evidence = conflicts.between(5, 5 + test_support::kPrismSide);
   EXPECT_LT(evidence.found, 0.2 * evidence.expected);
   const std::vector<double>& shares = conflicts.shares();
-  EXPECT_GT(std::accumulate(shares.begin(), shares.end(), 0.0), 0.3 * testing::kPrismImages);
+  EXPECT_GT(std::accumulate(shares.begin(), shares.end(), 0.0), 0.3 * test_support::kPrismImages);
 }
 
 }  // namespace

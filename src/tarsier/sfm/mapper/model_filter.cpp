@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_filter.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 
@@ -12,11 +13,7 @@
 #include <numeric>
 
 namespace tarsier::sfm {
-namespace {
-
-constexpr double kRadians = CV_PI / 180;
-
-}  // namespace
+namespace {}  // namespace
 
 int filter_points(Model& model, const MapperOptions& options, const std::vector<int>& images) {
   std::vector<bool> is_selected(model.images.size(), images.empty());
@@ -45,8 +42,9 @@ int filter_selected_points(Model& model, const MapperOptions& options,
       const auto error = IncrementalMapper::reprojection_error(model, seen, point.position);
       return !error || *error > options.reprojection_px;
     });
-    if (point.track.size() < 2 || !IncrementalMapper::has_angle(model, point.track, point.position,
-                                                                options.min_angle_deg * kRadians)) {
+    if (point.track.size() < 2 ||
+        !IncrementalMapper::has_angle(model, point.track, point.position,
+                                      options.min_angle_deg * kRadiansPerDegree)) {
       point = {};
     }
     return static_cast<int>(before - point.track.size());

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_groups.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 #include "tarsier/linalg/decompositions.h"
 #include "tarsier/sfm/global/rotation_averaging.h"
@@ -18,8 +19,6 @@ namespace tarsier::sfm {
 namespace {
 
 using geometry::Sim3;
-
-constexpr double kDegrees = 180 / CV_PI;
 
 // The diagonal of the bounding box of centres.
 double extent_of(const std::vector<Eigen::Vector3d>& centers) {
@@ -109,7 +108,7 @@ std::string ModelGroups::contradiction_of(const ModelJoin& join) const {
       world_from_model_[at(join.first)].inverse() * world_from_model_[at(join.second)];
   const Sim3& measured = join.first_from_second;
   const double angle =
-      geometry::angle_of(predicted.rotation.transpose() * measured.rotation) * kDegrees;
+      geometry::angle_of(predicted.rotation.transpose() * measured.rotation) * kDegreesPerRadian;
   const double scale = std::abs(std::log(predicted.scale / measured.scale));
   double distance = 0;
   double count = 0;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_join.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/scene/align.h"
@@ -21,11 +22,10 @@ namespace {
 
 using geometry::Sim3;
 
-constexpr double kDegrees = 180 / CV_PI;
-constexpr std::size_t kMaxSamples = 4000;   // points for estimating a similarity
-constexpr std::size_t kMaxRotations = 300;  // candidate images for the mean rotation
-constexpr float kSameFeaturePx = 0.01F;     // px
-constexpr double kSigmaPerMad = 1.4826;     // standard deviation / median absolute deviation
+constexpr std::size_t kMaxSimilarityPoints = 4000;  // points for estimating a similarity
+constexpr std::size_t kMaxRotations = 300;          // candidate images for the mean rotation
+constexpr float kSameFeaturePx = 0.01F;             // px
+constexpr double kSigmaPerMad = 1.4826;  // standard deviation / median absolute deviation
 
 double median_of(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -156,7 +156,7 @@ class JoinEstimator {
   [[nodiscard]] std::optional<Sim3> similarity_from_points() const {
     std::vector<Eigen::Vector3d> from;
     std::vector<Eigen::Vector3d> to;
-    const std::size_t samples = std::min(points_.size(), kMaxSamples);
+    const std::size_t samples = std::min(points_.size(), kMaxSimilarityPoints);
     for (std::size_t k = 0; k < samples; ++k) {
       const CommonPoint& point = points_[k * points_.size() / samples];
       to.push_back(first_of(point));
@@ -191,7 +191,7 @@ class JoinEstimator {
     }
     Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
     for (const Eigen::Matrix3d& other : rotations)
-      if (geometry::angle_of(median_rotation->transpose() * other) * kDegrees <=
+      if (geometry::angle_of(median_rotation->transpose() * other) * kDegreesPerRadian <=
           options_.max_rotation_deg)
         sum += other;
     Sim3 result;
@@ -257,7 +257,7 @@ class JoinEstimator {
     const geometry::Rigid3 moved =
         geometry::moved_camera(second_.images[at(image)].pose, similarity);
     return geometry::angle_of(first_.images[at(image)].pose.rotation.transpose() * moved.rotation) *
-           kDegrees;
+           kDegreesPerRadian;
   }
 
   [[nodiscard]] int agreeing_images(const Sim3& similarity) const {

@@ -29,11 +29,11 @@ namespace {
 using ::testing::Contains;
 using ::testing::HasSubstr;
 
-constexpr int kImages = 60;
+constexpr int kModelImages = 60;
 
 // Images around a full circle, looking outwards at a rough wall. About nine images observe each
 // point.
-Model scene(double noise_px, double wall = 20, int images = kImages) {
+Model scene(double noise_px, double wall = 20, int images = kModelImages) {
   Rng rng(3);
   Model model;
   model.cameras = {{640, 480, 500, 500, 319.5, 239.5, {}, 0}};
@@ -82,7 +82,7 @@ Model scene(double noise_px, double wall = 20, int images = kImages) {
 
 std::vector<int> range_of(int first, int last) {
   std::vector<int> images;
-  for (int i = first; i < last; ++i) images.push_back(i % kImages);
+  for (int i = first; i < last; ++i) images.push_back(i % kModelImages);
   return images;
 }
 
@@ -191,7 +191,7 @@ TEST(ModelJoin, ClosesCycleOpenedByDrift) {
     Model made = piece(whole, range_of(10 * k, 10 * k + 15), 20 + static_cast<std::uint64_t>(k));
     // The scale grows with the distance from the first image.
     const auto center = [&](int i) {
-      return made.images[static_cast<std::size_t>(i % kImages)].pose.center();
+      return made.images[static_cast<std::size_t>(i % kModelImages)].pose.center();
     };
     const Eigen::Vector3d origin = center(10 * k);
     const double length = (center(10 * k + 14) - origin).norm();
@@ -208,11 +208,11 @@ TEST(ModelJoin, ClosesCycleOpenedByDrift) {
   EXPECT_EQ(joined.joins.size(), 6U);
   for (const ModelJoin& found : joined.joins) EXPECT_EQ(found.refusal, "");
   ASSERT_EQ(joined.models.size(), 1U);
-  EXPECT_EQ(registered(joined.models[0]), kImages);
+  EXPECT_EQ(registered(joined.models[0]), kModelImages);
   check_model(joined.models[0]);
   const std::vector<geometry::Rigid3> truth = poses_of(whole);
   EXPECT_LT(worst_center(joined.models[0], truth),
-            1.2 * worst_center(piece(whole, range_of(0, kImages), 4), truth));
+            1.2 * worst_center(piece(whole, range_of(0, kModelImages), 4), truth));
 }
 
 TEST(ModelJoin, RefusesTwoCommonImages) {
@@ -386,7 +386,7 @@ TEST(ModelJoin, IdentifiesImagesByName) {
     Model file;
     file.cameras = made.cameras;
     file.cameras.insert(file.cameras.begin(), {100, 100, 90, 90, 50, 50, {}, 0});
-    for (int i = kImages - 1; i >= 0; --i) {
+    for (int i = kModelImages - 1; i >= 0; --i) {
       const Image& image = made.images[static_cast<std::size_t>(i)];
       if (!image.registered) continue;
       to[static_cast<std::size_t>(i)] = static_cast<int>(file.images.size());
@@ -417,11 +417,11 @@ TEST(ModelJoin, IdentifiesImagesByName) {
 // Pairs of neighbouring images, with all points that both observe.
 std::vector<Pair> pairs_of(const Model& whole) {
   std::vector<Pair> pairs;
-  for (int a = 0; a < kImages; ++a) {
+  for (int a = 0; a < kModelImages; ++a) {
     for (int d = 1; d <= 4; ++d) {
       Pair pair;
-      pair.first = std::min(a, (a + d) % kImages);
-      pair.second = std::max(a, (a + d) % kImages);
+      pair.first = std::min(a, (a + d) % kModelImages);
+      pair.second = std::max(a, (a + d) % kModelImages);
       const Image& first = whole.images[static_cast<std::size_t>(pair.first)];
       const Image& second = whole.images[static_cast<std::size_t>(pair.second)];
       std::vector<Match> inliers;
@@ -463,7 +463,7 @@ TEST(JoinedMapper, ExtendsJoinedModel) {
   mapped.parts = {{"left", piece(whole, range_of(0, 20), 1)},
                   {"right", piece(whole, range_of(14, 40), 2)}};
   mapped.refused_pairs = {0};
-  mapped.reasons.assign(kImages, "of before");
+  mapped.reasons.assign(kModelImages, "of before");
   mapped.log = {"before"};
   NoProgress progress;
   const MapperInput input{.cameras = whole.cameras,
@@ -473,11 +473,11 @@ TEST(JoinedMapper, ExtendsJoinedModel) {
                           .pairs = pairs};
   const Reconstruction made = map_joined(input, {}, mapped, progress, {});
   ASSERT_EQ(made.models.size(), 1U);
-  EXPECT_EQ(registered(made.models[0]), kImages);
+  EXPECT_EQ(registered(made.models[0]), kModelImages);
   check_model(made.models[0]);
   const std::vector<geometry::Rigid3> truth = poses_of(whole);
   EXPECT_LT(worst_center(made.models[0], truth),
-            1.5 * worst_center(piece(whole, range_of(0, kImages), 4), truth));
+            1.5 * worst_center(piece(whole, range_of(0, kModelImages), 4), truth));
   EXPECT_EQ(made.parts, (std::vector<std::string>{"left", "right"}));
   ASSERT_EQ(made.joins.size(), 1U);
   EXPECT_EQ(made.joins[0].refusal, "");

@@ -17,7 +17,7 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kMinInliers = 30;
+constexpr std::size_t kMinShapeInliers = 30;
 constexpr double kMinStrength = 0.7;
 constexpr double kMaxRotationError = 45 * CV_PI / 180;
 // relative to the usual distance of an image from its neighbours
@@ -161,7 +161,7 @@ ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs) {
       continue;
     }
     const bool closes_loop = loops.contains(&pair);
-    if (inliers >= kMinInliers && (strength >= kMinStrength || closes_loop) &&
+    if (inliers >= kMinShapeInliers && (strength >= kMinStrength || closes_loop) &&
         rotation_error_of(model, pair) <= kMaxRotationError)
       shape.missed_pairs.push_back({k, strength, closes_loop});
   }

@@ -10,7 +10,7 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr std::size_t kMinInliers = 30;
+constexpr std::size_t kMinLoopInliers = 30;
 constexpr int kMinLoopSteps = 8;
 constexpr double kMinAgreement = 0.5;  // share of all inliers
 
@@ -46,11 +46,6 @@ class StepDistances {
   std::vector<int> order_;  // order of the search
 };
 
-bool has_both(const Model& model, const Pair& pair) {
-  return !pair.view.inliers.empty() && model.images[at(pair.first)].registered &&
-         model.images[at(pair.second)].registered;
-}
-
 }  // namespace
 
 std::vector<const Pair*> open_loops(const Model& model, const std::vector<const Pair*>& pairs) {
@@ -59,13 +54,13 @@ std::vector<const Pair*> open_loops(const Model& model, const std::vector<const 
   std::size_t all = 0;
   std::size_t agreeing = 0;
   for (const Pair* pair : pairs) {
-    if (!has_both(model, *pair)) continue;
+    if (!is_registered(model, *pair)) continue;
     const std::size_t inliers = pair->view.inliers.size();
     all += inliers;
     if (agrees(model, *pair)) {
       agreeing += inliers;
       distances.join(pair->first, pair->second);
-    } else if (inliers >= kMinInliers) {
+    } else if (inliers >= kMinLoopInliers) {
       contradicted.push_back(pair);
     }
   }
@@ -85,7 +80,7 @@ std::vector<const Pair*> open_loops(const Model& model, const std::vector<const 
 double agreeing_inliers(const Model& model, const std::vector<const Pair*>& pairs) {
   double sum = 0;
   for (const Pair* pair : pairs)
-    if (has_both(model, *pair) && agrees(model, *pair))
+    if (is_registered(model, *pair) && agrees(model, *pair))
       sum += static_cast<double>(pair->view.inliers.size());
   return sum;
 }

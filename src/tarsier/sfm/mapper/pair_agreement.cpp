@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/pair_agreement.h"
 
+#include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 #include "tarsier/geometry/epipolar.h"
 
@@ -19,15 +20,14 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kRadians = CV_PI / 180;
-constexpr double kMaxRotation = 3 * kRadians;
-constexpr double kMaxDirectionError = 15 * kRadians;
-constexpr double kMinRayAngle = 2 * kRadians;
+constexpr double kMaxRotation = 3 * kRadiansPerDegree;
+constexpr double kMaxDirectionError = 15 * kRadiansPerDegree;
+constexpr double kMinRayAngle = 2 * kRadiansPerDegree;
 constexpr double kMinPlaneShare = 0.7;  // share of the inliers
 // px, between a feature and the mapped position of its match
 constexpr double kMaxPlaneErrorPx = 4;
-constexpr int kRounds = 8;                  // of reweighted least squares
-constexpr double kMinExplainedShare = 0.9;  // share of the inliers
+constexpr int kReweightings = 8;                 // of reweighted least squares
+constexpr double kMinPlaneExplainedShare = 0.9;  // share of the inliers
 constexpr double kMaxEpipolarErrorPx = 2;
 constexpr double kMinSquaredSine = 1e-6;  // min squared sine of rays that determine a depth
 
@@ -87,7 +87,7 @@ double share_on_plane(const Rays& rays, geometry::Rigid3 motion, double threshol
   if (length > 0) motion.translation /= length;
   std::vector<double> weights(rays.first.size(), 1);
   int best = 0;
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; round < kReweightings; ++round) {
     const Vector3d plane = fit_plane(rays, motion, weights);
     int inliers = 0;
     for (std::size_t i = 0; i < weights.size(); ++i) {
@@ -140,6 +140,11 @@ std::size_t explained_matches(const Model& model, const Pair& pair, double thres
   return count;
 }
 
+bool is_registered(const Model& model, const Pair& pair) {
+  return !pair.view.inliers.empty() && model.images[at(pair.first)].registered &&
+         model.images[at(pair.second)].registered;
+}
+
 bool agrees(const Model& model, const Pair& pair) {
   const geometry::Rigid3 relative =
       model.images[at(pair.second)].pose * model.images[at(pair.first)].pose.inverse();
@@ -152,7 +157,7 @@ bool agrees(const Model& model, const Pair& pair) {
   }
   const std::size_t explained = explained_matches(model, pair, kMaxEpipolarErrorPx);
   if (explained > 0 && static_cast<double>(explained) >=
-                           kMinExplainedShare * static_cast<double>(pair.view.inliers.size()))
+                           kMinPlaneExplainedShare * static_cast<double>(pair.view.inliers.size()))
     return true;
   if (!is_of_one_plane(pair)) return false;
   const double threshold = threshold_of(model.cameras[at(model.images[at(pair.second)].camera)]);

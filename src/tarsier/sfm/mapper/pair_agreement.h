@@ -23,6 +23,9 @@ namespace tarsier::sfm {
 //   maps the ray x of the first image to (R + t n') x; n is the best one for the inliers.
 [[nodiscard]] bool agrees(const Model& model, const Pair& pair);
 
+// Whether the pair is verified and the model has both of its images.
+[[nodiscard]] bool is_registered(const Model& model, const Pair& pair);
+
 // Number of the pair's inliers that the model's two poses explain: within `threshold_px` of their
 // epipolar lines (Sampson's distance; Hartley and Zisserman, Multiple view geometry, 2nd edition,
 // 11.4.3), and in front of both cameras.

@@ -24,7 +24,7 @@ namespace {
 
 constexpr int kMaxSamples = 50'000;      // for the vocabulary, for any number of images
 constexpr int kMinSampledPerImage = 20;  // min per image; fewer do not justify reading it
-constexpr int kIterations = 20;          // of k-means; more hardly change search results
+constexpr int kClusterIterations = 20;   // of k-means; more hardly change search results
 constexpr int kRows = 128;               // rows at a time, so that their scores fit into the cache
 constexpr int kBatch = 16;               // images whose descriptors are in memory at a time
 constexpr int kDepth = 512;  // length of a partial product of VLAD vectors, for the cache
@@ -32,7 +32,7 @@ constexpr int kDepth = 512;  // length of a partial product of VLAD vectors, for
 constexpr float kMinSimilarityRatio = 0.85F;
 constexpr int kMaxLineBytes = 1 << 16;
 
-std::size_t at(std::ptrdiff_t row, std::ptrdiff_t width) {
+std::size_t row_start(std::ptrdiff_t row, std::ptrdiff_t width) {
   return static_cast<std::size_t>(row * width);
 }
 
@@ -62,8 +62,8 @@ struct Table {
   [[nodiscard]] int rows() const {
     return depth == 0 ? 0 : static_cast<int>(values.size()) / depth;
   }
-  [[nodiscard]] const float* row(int r) const { return values.data() + at(r, depth); }
-  [[nodiscard]] float* row(int r) { return values.data() + at(r, depth); }
+  [[nodiscard]] const float* row(int r) const { return values.data() + row_start(r, depth); }
+  [[nodiscard]] float* row(int r) { return values.data() + row_start(r, depth); }
 };
 
 // The words, and data for finding the nearest one.
@@ -73,13 +73,13 @@ class Vocabulary {
   explicit Vocabulary(Table words) : words_(std::move(words)) {
     const int count = words_.rows();
     stride_ = (count + linalg::kPanel - 1) / linalg::kPanel * linalg::kPanel;
-    columns_.assign(at(words_.depth, stride_), 0);
+    columns_.assign(row_start(words_.depth, stride_), 0);
     halves_.assign(static_cast<std::size_t>(count), 0);
     for (int w = 0; w < count; ++w) {
       const float* in = words_.row(w);
       float sum = 0;
       for (int k = 0; k < words_.depth; ++k) {
-        columns_[at(k, stride_) + static_cast<std::size_t>(w)] = in[k];
+        columns_[row_start(k, stride_) + static_cast<std::size_t>(w)] = in[k];
         sum += in[k] * in[k];
       }
       halves_[static_cast<std::size_t>(w)] = sum / 2;
@@ -171,7 +171,7 @@ Vocabulary make_vocabulary(const Table& samples, int most, Rng& rng) {
   if (count == 0) return {};
   Vocabulary vocabulary(first_words(samples, most, rng));
   std::vector<int> nearest(static_cast<std::size_t>(count), -1);
-  for (int iteration = 0; iteration < kIterations; ++iteration) {
+  for (int iteration = 0; iteration < kClusterIterations; ++iteration) {
     const std::vector<int> before = nearest;
     cv::parallel_for_(cv::Range(0, (count + kRows - 1) / kRows), [&](const cv::Range& range) {
       for (int block = range.start; block < range.end; ++block) {
@@ -187,14 +187,14 @@ Vocabulary make_vocabulary(const Table& samples, int most, Rng& rng) {
     for (int i = 0; i < count; ++i) {
       const int word = nearest[static_cast<std::size_t>(i)];
       const float* in = samples.row(i);
-      double* sum = sums.data() + at(word, words.depth);
+      double* sum = sums.data() + row_start(word, words.depth);
       for (int k = 0; k < words.depth; ++k) sum[k] += static_cast<double>(in[k]);
       ++members[static_cast<std::size_t>(word)];
     }
     for (int w = 0; w < words.rows(); ++w) {
       const int of_word = members[static_cast<std::size_t>(w)];
       if (of_word == 0) continue;  // an empty word keeps its position
-      const double* sum = sums.data() + at(w, words.depth);
+      const double* sum = sums.data() + row_start(w, words.depth);
       for (int k = 0; k < words.depth; ++k) words.row(w)[k] = static_cast<float>(sum[k] / of_word);
     }
     vocabulary = Vocabulary(std::move(words));
@@ -222,7 +222,7 @@ std::vector<float> vlad(const cv::Mat& descriptors, FeatureKind kind,
                         const Vocabulary& vocabulary) {
   const Table& words = vocabulary.words();
   std::vector<float> result(words.values.size(), 0);
-  Table rows{words.depth, std::vector<float>(at(kRows, words.depth))};
+  Table rows{words.depth, std::vector<float>(row_start(kRows, words.depth))};
   int nearest[kRows];
   for (int start = 0; start < descriptors.rows; start += kRows) {
     const int count = std::min(kRows, descriptors.rows - start);
@@ -232,13 +232,13 @@ std::vector<float> vlad(const cv::Mat& descriptors, FeatureKind kind,
     for (int r = 0; r < count; ++r) {
       const float* in = rows.row(r);
       const float* word = words.row(nearest[r]);
-      float* out = result.data() + at(nearest[r], words.depth);
+      float* out = result.data() + row_start(nearest[r], words.depth);
       for (int k = 0; k < words.depth; ++k) out[k] += in[k] - word[k];
     }
   }
   double total = 0;
   for (int w = 0; w < words.rows(); ++w) {
-    float* part = result.data() + at(w, words.depth);
+    float* part = result.data() + row_start(w, words.depth);
     double square = 0;
     for (int k = 0; k < words.depth; ++k) square += static_cast<double>(part[k] * part[k]);
     if (square <= 0) continue;
@@ -430,7 +430,7 @@ Retrieval::Retrieval(int count, const DescriptorSource& source, FeatureKind kind
   samples = {};
 
   length_ = static_cast<int>(vocabulary.words().values.size());
-  vectors_.assign(at(count, length_), 0);
+  vectors_.assign(row_start(count, length_), 0);
   scales_.assign(static_cast<std::size_t>(count), 0);
   if (length_ == 0) return;
   for (int start = 0; start < count; start += kBatch) {
@@ -445,7 +445,7 @@ Retrieval::Retrieval(int count, const DescriptorSource& source, FeatureKind kind
         for (const float value : values) largest = std::max(largest, std::abs(value));
         if (largest <= 0) continue;
         scales_[static_cast<std::size_t>(start + b)] = largest / 127;
-        std::int8_t* out = vectors_.data() + at(start + b, length_);
+        std::int8_t* out = vectors_.data() + row_start(start + b, length_);
         for (std::size_t k = 0; k < values.size(); ++k)
           out[k] = static_cast<std::int8_t>(std::lround(values[k] / largest * 127));
       }
@@ -456,8 +456,8 @@ Retrieval::Retrieval(int count, const DescriptorSource& source, FeatureKind kind
 double Retrieval::similarity(int first, int second) const {
   TARSIER_REQUIRE(first >= 0 && first < count() && second >= 0 && second < count(),
                   "images {} and {} of {}", first, second, count());
-  const std::int8_t* a = vectors_.data() + at(first, length_);
-  const std::int8_t* b = vectors_.data() + at(second, length_);
+  const std::int8_t* a = vectors_.data() + row_start(first, length_);
+  const std::int8_t* b = vectors_.data() + row_start(second, length_);
   std::int64_t product = 0;
   for (int k = 0; k < length_; ++k) product += a[k] * b[k];
   return static_cast<double>(product) *
@@ -474,10 +474,10 @@ std::vector<ImagePair> Retrieval::pairs(const KnownPositions& positions) const {
   const int blocks = (images + kRows - 1) / kRows;
   std::vector<std::vector<ImagePair>> of_block(static_cast<std::size_t>(blocks));
   cv::parallel_for_(cv::Range(0, blocks), [&](const cv::Range& range) {
-    std::vector<float> left(at(kRows, kDepth));
-    std::vector<float> right(at(kDepth, linalg::kPanel));
-    std::vector<float> products(at(kRows, linalg::kPanel));
-    std::vector<float> scores(at(kRows, images));
+    std::vector<float> left(row_start(kRows, kDepth));
+    std::vector<float> right(row_start(kDepth, linalg::kPanel));
+    std::vector<float> products(row_start(kRows, linalg::kPanel));
+    std::vector<float> scores(row_start(kRows, images));
     std::vector<int> order;
     for (int block = range.start; block < range.end; ++block) {
       const int start = block * kRows;
@@ -486,21 +486,21 @@ std::vector<ImagePair> Retrieval::pairs(const KnownPositions& positions) const {
       for (int from = 0; from < length_; from += kDepth) {
         const int depth = std::min(kDepth, length_ - from);
         for (int r = 0; r < rows; ++r) {
-          const std::int8_t* in = vectors_.data() + at(start + r, length_) + from;
-          std::copy(in, in + depth, left.data() + at(r, kDepth));
+          const std::int8_t* in = vectors_.data() + row_start(start + r, length_) + from;
+          std::copy(in, in + depth, left.data() + row_start(r, kDepth));
         }
         for (int panel = 0; panel < images; panel += linalg::kPanel) {
           const int columns = std::min(linalg::kPanel, images - panel);
           for (int c = 0; c < columns; ++c) {
-            const std::int8_t* in = vectors_.data() + at(panel + c, length_) + from;
+            const std::int8_t* in = vectors_.data() + row_start(panel + c, length_) + from;
             for (int k = 0; k < depth; ++k)
-              right[at(k, linalg::kPanel) + static_cast<std::size_t>(c)] = in[k];
+              right[row_start(k, linalg::kPanel) + static_cast<std::size_t>(c)] = in[k];
           }
           linalg::gemm_kernels().panel(rows, depth, left.data(), kDepth, 1, right.data(),
                                        linalg::kPanel, products.data());
           for (int r = 0; r < rows; ++r) {
-            const float* in = products.data() + at(r, linalg::kPanel);
-            float* out = scores.data() + at(r, images) + panel;
+            const float* in = products.data() + row_start(r, linalg::kPanel);
+            float* out = scores.data() + row_start(r, images) + panel;
             for (int c = 0; c < columns; ++c) out[c] += in[c];
           }
         }
@@ -509,7 +509,7 @@ std::vector<ImagePair> Retrieval::pairs(const KnownPositions& positions) const {
         const int image = start + r;
         if (scales_[static_cast<std::size_t>(image)] <= 0) continue;
         order.clear();
-        float* row = scores.data() + at(r, images);
+        float* row = scores.data() + row_start(r, images);
         for (int other = 0; other < images; ++other) {
           const float scale = scales_[static_cast<std::size_t>(other)];
           if (other == image || scale <= 0) continue;

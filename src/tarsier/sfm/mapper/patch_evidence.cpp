@@ -35,9 +35,9 @@ constexpr double kNoiseSigma = 3;      // grey levels, of the searched image
 constexpr double kMinSameCorrelation = 0.8;       // correlation
 constexpr double kMaxDifferentCorrelation = 0.4;  // correlation
 constexpr int kMaxSide = 1200;                    // px
-constexpr std::size_t kMaxBytes = std::size_t{256} << 20;
-constexpr int kMinCompared = 30;           // min patches of a pair that can be rejected
-constexpr std::size_t kMaxNeighbours = 2;  // neighbours of an image
+constexpr std::size_t kMaxImageBytes = std::size_t{256} << 20;
+constexpr int kMinCompared = 30;                // min patches of a pair that can be rejected
+constexpr std::size_t kMaxPatchNeighbours = 2;  // neighbours of an image
 // min rejected pairs between the neighbours of a pair's images
 constexpr int kMinNeighbourRejections = 3;
 constexpr double kMinRejectedShare = 0.25;  // min share of rejected pairs in a scene that repeats
@@ -47,9 +47,9 @@ constexpr double kAllowedShare = 0.004;     // share that may always differ
 constexpr double kBestShareFactor = 1.5;    // factor of the best pairs' share
 constexpr double kMaxSigmas = 2;
 
-constexpr int kSide = 2 * kHalfSide + 1;
-constexpr int kSearchSide = kSide + 2 * kSearchRadius;
-constexpr int kArea = kSide * kSide;
+constexpr int kPatchSide = 2 * kHalfSide + 1;
+constexpr int kSearchSide = kPatchSide + 2 * kSearchRadius;
+constexpr int kArea = kPatchSide * kPatchSide;
 
 // Maps the surroundings of a feature to the second image: x' = linear (x - feature) + at.
 struct LocalMap {
@@ -156,7 +156,7 @@ std::optional<double> correlation(const cv::Mat& gray, const cv::Point2f& featur
                                   const cv::Mat& other, const LocalMap& map) {
   std::array<float, kArea> patch{};
   std::array<float, static_cast<std::size_t>(kSearchSide) * kSearchSide> search_area{};
-  if (!sample<kSide>(gray, {feature.x, feature.y}, cv::Matx22d::eye(), patch)) return {};
+  if (!sample<kPatchSide>(gray, {feature.x, feature.y}, cv::Matx22d::eye(), patch)) return {};
   if (!sample<kSearchSide>(other, map.at, map.linear, search_area)) return {};
   float mean = 0;
   for (const float value : patch) mean += value / kArea;
@@ -172,10 +172,10 @@ std::optional<double> correlation(const cv::Mat& gray, const cv::Point2f& featur
       float sum = 0;
       float squares = 0;
       float product = 0;
-      for (int v = 0; v < kSide; ++v) {
-        const float* const from = &patch[at(v * kSide)];
+      for (int v = 0; v < kPatchSide; ++v) {
+        const float* const from = &patch[at(v * kPatchSide)];
         const float* const to = &search_area[at((v + dy) * kSearchSide + dx)];
-        for (int u = 0; u < kSide; ++u) {
+        for (int u = 0; u < kPatchSide; ++u) {
           sum += to[u];
           squares += to[u] * to[u];
           product += from[u] * to[u];  // the mean of `from` is 0
@@ -263,7 +263,7 @@ class Neighbourhoods {
       });
       near_[i].push_back(static_cast<int>(i));
       for (const Candidate& one : all) {
-        if (near_[i].size() > kMaxNeighbours) break;
+        if (near_[i].size() > kMaxPatchNeighbours) break;
         near_[i].push_back(one.image);
       }
       if (!all.empty()) {
@@ -323,7 +323,7 @@ std::vector<PatchEvidence> compare_all_patches(
     // Pairs whose images fit into memory together; at least one.
     std::set<int> needed;
     std::size_t end = start;
-    for (; end < pairs.size() && (needed.size() + 2) * largest <= kMaxBytes; ++end) {
+    for (; end < pairs.size() && (needed.size() + 2) * largest <= kMaxImageBytes; ++end) {
       if (pairs[end].view.inliers.empty()) continue;
       needed.insert(pairs[end].first);
       needed.insert(pairs[end].second);

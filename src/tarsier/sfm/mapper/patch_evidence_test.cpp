@@ -93,7 +93,7 @@ TEST(ComparePatches, SkipsPatchesWithoutSurroundingMatchesOrContrast) {
                std::invalid_argument);
 }
 
-Pair pair_of(int first, int second, std::size_t inliers) {
+Pair unverified_pair(int first, int second, std::size_t inliers) {
   Pair pair;
   pair.first = first;
   pair.second = second;
@@ -103,7 +103,8 @@ Pair pair_of(int first, int second, std::size_t inliers) {
 
 TEST(ComparePatches, AllPairsEqualSinglePairsAndSkipMissingPixels) {
   const Views given = views(texture(1), texture(1));
-  std::vector<Pair> pairs{pair_of(0, 1, 0), pair_of(0, 2, 0), pair_of(1, 2, 0)};
+  std::vector<Pair> pairs{unverified_pair(0, 1, 0), unverified_pair(0, 2, 0),
+                          unverified_pair(1, 2, 0)};
   pairs[0].view.inliers = given.inliers;
   pairs[1].view.inliers = given.inliers;
   const std::vector<std::vector<cv::Point2f>> features{given.first.features, given.second.features,
@@ -131,7 +132,7 @@ struct Places {
     for (int first = 0; first < 6; ++first) {
       for (int second = first + 1; second < 6; ++second) {
         const bool is_inside = first / 3 == second / 3;
-        pairs.push_back(pair_of(first, second, 100));
+        pairs.push_back(unverified_pair(first, second, 100));
         evidence.push_back({300, is_inside ? differ_inside : differ_between});
       }
     }

@@ -7,34 +7,25 @@
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/media/gray_image.h"
-#include "tarsier/media/image_file.h"
-#include "tarsier/media/sha256.h"
 #include "tarsier/sfm/mapper/cache.h"
 #include "tarsier/sfm/mapper/center_uncertainty.h"
-#include "tarsier/sfm/mapper/colmap_database.h"
-#include "tarsier/sfm/mapper/flow.h"
 #include "tarsier/sfm/mapper/image_features.h"
 #include "tarsier/sfm/mapper/mapped_store.h"
+#include "tarsier/sfm/mapper/mapper_key.h"
+#include "tarsier/sfm/mapper/matched_input.h"
 #include "tarsier/sfm/mapper/start_model.h"
 #include "tarsier/sfm/mapper/strong_pairs.h"
-#include "tarsier/sfm/scene/align.h"
+#include "tarsier/sfm/mapper/upright_model.h"
 #include "tarsier/sfm/scene/sensor_image.h"
 
-#include <Eigen/Geometry>
 #include <fmt/format.h>
-#include <opencv2/core/utility.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <ctime>
-#include <map>
 #include <memory>
-#include <mutex>
 #include <optional>
-#include <span>
 #include <string_view>
 #include <utility>
 
@@ -83,276 +74,6 @@ class Stages {
   double cpu_start_ = 0;
 };
 
-// Cache key of tracked points: the bytes of all files, in their order.
-std::string flow_key(const std::vector<Input>& inputs, const std::stop_token& stop) {
-  const FlowOptions flow;
-  std::string text = fmt::format("flow {} {} {} {} {}", flow.max_points, flow.grid, flow.reach,
-                                 flow.back_px, flow.min_correlation);
-  for (const Input& input : inputs) {
-    throw_if_stopped(stop);
-    text += ' ';
-    try {
-      text += sha256_of_file(input.path);
-    } catch (const InputError&) {
-      text += "none";
-    }
-  }
-  return cache_key(text);
-}
-
-// The content of a COLMAP database about the images.
-class KnownFeatures {
- public:
-  explicit KnownFeatures(const std::string& path)
-      : database_(read_colmap_database(path)), sum_(sha256_of_file(path)), path_(path) {
-    for (std::size_t i = 0; i < database_.images.size(); ++i)
-      index_[database_.images[i].name] = static_cast<int>(i);
-  }
-
-  // Throws InputError where the database does not contain the image, or another image under its
-  // name. With an empty image there is no file, and the data come from the database alone.
-  void fill(const Input& input, const cv::Mat& image, ImageFeatures& features,
-            const PipelineOptions& options) {
-    const auto found = index_.find(input.name);
-    if (found == index_.end())
-      throw InputError(input.path.empty() ? input.name : input.path,
-                       fmt::format("{} contains no image with this name", path_));
-    auto& known = database_.images[at(found->second)];
-    const auto& camera = database_.cameras[at(known.camera)];
-    if (image.empty()) {
-      features.size = {camera.camera.width, camera.camera.height};
-      if (options.camera) features.lens = {*options.camera, "given"};
-    } else if (camera.camera.width != image.cols || camera.camera.height != image.rows)
-      throw InputError(
-          input.path,
-          fmt::format("the image has {}x{} px, but its camera in {} has {}x{} px", image.cols,
-                      image.rows, path_, camera.camera.width, camera.camera.height));
-    if (camera.camera.lens != geometry::Lens::kPinhole)
-      throw InputError(path_, fmt::format("a camera has a {} lens, but reconstruction needs a "
-                                          "pinhole camera: undistort the images first",
-                                          geometry::name_of(camera.camera.lens)));
-    if (!options.camera)
-      features.lens = {camera.camera, camera.is_focal_known ? "database" : "guess"};
-    features.features = std::move(known.features);
-    if (image.empty())
-      features.features.colors.assign(features.features.points.size(), cv::Vec3b::all(128));
-    else
-      add_colors(image, features.features);
-    // Without files, only the names distinguish images.
-    features.key = cache_key(fmt::format("{} database {} {}", features.key, sum_, input.name));
-    index_of_image_[found->second] = static_cast<int>(index_of_image_.size());
-  }
-
-  // The pairs of the images for which fill() was called, in their order.
-  [[nodiscard]] std::vector<Pair> pairs() {
-    std::vector<Pair> result;
-    for (auto& known : database_.pairs) {
-      const auto first = index_of_image_.find(known.first);
-      const auto second = index_of_image_.find(known.second);
-      if (first == index_of_image_.end() || second == index_of_image_.end()) continue;
-      Pair pair;
-      pair.first = first->second;
-      pair.second = second->second;
-      pair.matches = static_cast<int>(known.matches.size());
-      if (pair.first > pair.second) {
-        std::swap(pair.first, pair.second);
-        for (Match& match : known.matches) std::swap(match.first, match.second);
-      }
-      pair.view.inliers = std::move(known.matches);  // until verification
-      result.push_back(std::move(pair));
-    }
-    std::sort(result.begin(), result.end(), [](const Pair& a, const Pair& b) {
-      return std::pair(a.first, a.second) < std::pair(b.first, b.second);
-    });
-    return result;
-  }
-
- private:
-  static void add_colors(const cv::Mat& image, Features& features) {
-    features.colors.clear();
-    for (const cv::Point2f& p : features.points) {
-      const int x = std::clamp(cvRound(p.x), 0, image.cols - 1);
-      const int y = std::clamp(cvRound(p.y), 0, image.rows - 1);
-      features.colors.push_back(image.channels() == 3
-                                    ? image.at<cv::Vec3b>(y, x)
-                                    : cv::Vec3b::all(image.at<std::uint8_t>(y, x)));
-    }
-  }
-
-  ColmapDatabase database_;
-  std::string sum_;
-  std::string path_;
-  std::map<std::string, int> index_;
-  std::map<int, int> index_of_image_;  // maps an image of the database to its index here
-};
-
-// Features of all readable images, one image after the other: each uses all threads.
-std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
-                                             const PipelineOptions& options, const Cache& cache,
-                                             const std::optional<StartModel>& start,
-                                             MappedStore& store, Progress& progress,
-                                             const std::stop_token& stop, PipelineResult& result) {
-  std::vector<ImageFeatures> images;
-  FlowTracker tracker{FlowOptions{}};
-  const std::string flow_name = options.flow ? flow_key(inputs, stop) : "";
-  std::optional<FlowResult> tracks;
-  if (options.flow) tracks = cache.flow(flow_name);
-  const bool is_known = tracks.has_value();
-  std::optional<KnownFeatures> known;
-  if (!options.database.empty()) known.emplace(options.database);
-  for (std::size_t i = 0; i < inputs.size(); ++i) {
-    throw_if_stopped(stop);
-    ImageReport& report = result.images[i];
-    ImageFeatures image_features;
-    image_features.input = static_cast<int>(i);
-    if (options.only_start && !start->has(inputs[i].name)) {
-      report.outcome.reason = "the image is not in the start model";
-      progress.advance();
-      continue;
-    }
-    try {
-      TARSIER_REQUIRE(known || !inputs[i].path.empty(), "image '{}' has no file", inputs[i].name);
-      const cv::Mat image =
-          inputs[i].path.empty() ? cv::Mat() : read_input_image(inputs[i], options, image_features);
-      if (known) {
-        known->fill(inputs[i], image, image_features, options);
-        ++result.from_cache;
-      } else if (options.flow) {
-        // All images of a sequence have the same size.
-        if (!images.empty() && image.size() != images.front().size)
-          throw InputError(
-              inputs[i].path,
-              fmt::format(
-                  "the image has {}x{} px, but the first image of the sequence has {}x{} px",
-                  image.cols, image.rows, images.front().size.width, images.front().size.height));
-        if (image.cols < 64 || image.rows < 64)
-          throw InputError(inputs[i].path,
-                           "the image is too small for optical flow: 64x64 px or more are needed");
-        if (!is_known) tracker.add(image);
-        image_features.key = cache_key(fmt::format("{} {}", flow_name, images.size()));
-      } else if (find_image_features(image, options, cache, image_features)) {
-        ++result.from_cache;
-      }
-      if (start) start->check_size(inputs[i], image_features.size);
-      image_features.features.descriptors = store.add(image_features.features.descriptors);
-      report.read = true;
-      report.features = static_cast<int>(image_features.features.points.size());
-      images.push_back(std::move(image_features));
-    } catch (const InputError& error) {
-      report.outcome.reason = error.what();
-      log_warning("{} (left out)", error.what());
-    }
-    progress.advance();
-  }
-  if (known) result.pairs = known->pairs();
-  if (options.flow) {
-    if (!is_known) {
-      tracks = tracker.finish();
-      if (!images.empty()) cache.store(flow_name, *tracks);
-    } else {
-      result.from_cache += static_cast<int>(images.size());
-    }
-    for (std::size_t k = 0; k < images.size() && k < tracks->features.size(); ++k) {
-      images[k].features = std::move(tracks->features[k]);
-      result.images[at(images[k].input)].features =
-          static_cast<int>(images[k].features.points.size());
-    }
-    for (FlowMatches& pair : tracks->pairs) {
-      if (at(std::max(pair.first, pair.second)) >= images.size()) continue;
-      Pair made;
-      made.first = pair.first;
-      made.second = pair.second;
-      made.matches = static_cast<int>(pair.matches.size());
-      made.view.inliers = std::move(pair.matches);  // until verification
-      result.pairs.push_back(std::move(made));
-    }
-  }
-  return images;
-}
-
-// Loads the results of another program (PipelineHooks::matched).
-std::vector<ImageFeatures> load_all(const PipelineHooks& hooks, MappedStore& store,
-                                    PipelineResult& result) {
-  MatchedImages matched;
-  hooks.matched(matched);
-  for (ImageFeatures& image : matched.images) {
-    image.features.descriptors = store.add(image.features.descriptors);
-    ImageReport& report = result.images[at(image.input)];
-    report.read = true;
-    report.features = static_cast<int>(image.features.points.size());
-  }
-  for (auto& [input, reason] : matched.left_out)
-    result.images[at(input)].outcome.reason = std::move(reason);
-  result.pairs = std::move(matched.pairs);
-  for (Pair& pair : result.pairs) pair.view.inliers = store.add(pair.view.inliers);
-  return std::move(matched.images);
-}
-
-// Compares the images of all pairs of `result`. The pairs of an image are cached as soon as all of
-// them are done. `has_matches`: the pairs have matches already, which are verified.
-void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatures>& images,
-                 bool has_matches, const PipelineOptions& options, const Cache& cache,
-                 const PipelineHooks& hooks, MappedStore& store, Progress& progress,
-                 const std::stop_token& stop, PipelineResult& result) {
-  std::mutex on_pair_mutex;
-  std::atomic<int> from_cache{0};
-  for (std::size_t start = 0; start < result.pairs.size();) {
-    std::size_t end = start;
-    while (end < result.pairs.size() && result.pairs[end].first == result.pairs[start].first) ++end;
-    const int first = result.pairs[start].first;
-    const bool use_cache = !hooks.on_pair;
-    const std::string key = pairs_key(images[at(first)], options);
-    Cache::Pairs cached_pairs = use_cache ? cache.pairs(key) : Cache::Pairs{};
-    std::atomic<bool> fresh{false};
-    const auto work = [&](const cv::Range& range) {
-      for (int k = range.start; k < range.end; ++k) {
-        if (stop.stop_requested()) return;
-        Pair& pair = result.pairs[start + at(k)];
-        if (const auto entry = cached_pairs.find(partner_key(images[at(pair.second)]));
-            entry != cached_pairs.end()) {
-          pair.matches = entry->second.matches;
-          pair.view = entry->second.view;  // replaces tracked matches, if any
-          ++from_cache;
-        } else {
-          const ImageFeatures& a = images[at(pair.first)];
-          const ImageFeatures& b = images[at(pair.second)];
-          std::vector<Match> matches;
-          if (has_matches) {
-            matches = pair.view.inliers.copy();
-            pair.matches = static_cast<int>(matches.size());
-            pair.view = verify_image_pair(a, b, matches, options);
-          } else {
-            compare_images(a, b, options, pair, &matches);
-          }
-          fresh = true;
-          if (hooks.on_pair) {
-            const std::lock_guard lock(on_pair_mutex);
-            hooks.on_pair({inputs[at(a.input)], inputs[at(b.input)], a.features.points,
-                           b.features.points, matches, pair.view});
-          }
-        }
-        progress.advance();
-      }
-    };
-    cv::parallel_for_(cv::Range(0, static_cast<int>(end - start)), work);
-    throw_if_stopped(stop);
-    store.trim();
-    if (fresh && use_cache) {
-      for (std::size_t k = start; k < end; ++k) {
-        const Pair& pair = result.pairs[k];
-        cached_pairs[partner_key(images[at(pair.second)])] = {pair.matches, pair.view};
-      }
-      cache.store(key, cached_pairs);
-    }
-    for (std::size_t k = start; k < end; ++k) {
-      MatchList& inliers = result.pairs[k].view.inliers;
-      inliers = store.add(inliers);
-    }
-    start = end;
-  }
-  result.from_cache += from_cache;
-}
-
 // Reads the files again, for the mapper. Files that can no longer be read or have changed are left
 // out.
 GrayImages gray_images(const std::vector<Input>& inputs, const std::vector<ImageFeatures>& images) {
@@ -370,72 +91,19 @@ GrayImages gray_images(const std::vector<Input>& inputs, const std::vector<Image
   };
 }
 
-// Key of all inputs of the mapper.
-std::string mapper_key(const std::vector<ImageFeatures>& images,
-                       const std::vector<std::string>& names, const ImageSet& image_set,
-                       const std::vector<Pair>& pairs, const std::optional<StartPoses>& start,
-                       const PipelineOptions& options) {
-  const MapperOptions& m = options.mapper;
-  Sha256 sum;
-  sum.add(fmt::format("mapper-16 {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}",
-                      static_cast<int>(m.choice), m.auto_global, m.reprojection_px, m.min_angle_deg,
-                      m.first_angle_deg, m.first_inliers, m.pose_inliers, m.pose_inlier_share,
-                      m.pose_px, m.min_views, m.min_images, m.extend_px, m.extend_similarity,
-                      m.refine_focal, m.refine_center, m.refine_distortion, m.seed, options.flow,
-                      static_cast<int>(options.features.kind), options.shared_camera));
-  for (std::size_t k = 0; k < images.size(); ++k) {
-    sum.add(
-        fmt::format("\n{} {} {}", partner_key(images[k]), image_set.images()[k].camera, names[k]));
-  }
-  for (const Pair& pair : pairs) {
-    sum.add(fmt::format("\n{} {} {} {} {} {}", pair.first, pair.second, pair.matches,
-                        pair.view.homography_inliers, pair.view.in_front, pair.view.median_angle));
-    for (const double number : geometry::packed(pair.view.second_from_first))
-      sum.add(fmt::format(" {}", number));
-    sum.add(std::span(reinterpret_cast<const std::uint8_t*>(pair.view.inliers.data()),
-                      pair.view.inliers.size() * sizeof(Match)));
-  }
-  if (start) {
-    sum.add(fmt::format("\nstart {} {}", start->fixed, fmt::join(start->fixed_cameras, " ")));
-    for (const auto& pose : start->poses) {
-      sum.add("\n");
-      if (!pose) continue;
-      for (const double number : geometry::packed(*pose)) sum.add(fmt::format(" {}", number));
-    }
-  }
-  return sum.hex().substr(0, 32);
-}
-
-// A model's world is initially the frame of one of its images. Where images are turned, that frame
-// may lie on its side. This rotates the world so that down is y, as it is without turned images.
-void turn_upright(Model& model) {
-  Eigen::Vector3d down = Eigen::Vector3d::Zero();
-  bool any = false;
-  for (const Image& image : model.images) {
-    if (!image.registered) continue;
-    any = any || image.turns != 0;
-    down += image.pose.rotation.transpose() * down_direction(image.turns);
-  }
-  if (!any || !(down.norm() > 1e-3)) return;
-  geometry::Sim3 upright;
-  upright.rotation =
-      Eigen::Quaterniond::FromTwoVectors(down, Eigen::Vector3d::UnitY()).toRotationMatrix();
-  transform(model, upright);
-}
-
-enum class Round {
+enum class MappingRound {
   kFirst,
   kRemap,      // maps again with other lenses
   kReevaluate  // evaluates the earlier models with other lenses
 };
 
-// Returns the result of map(Round::kFirst), or a better one. Where the result is not one trusted
+// Returns the result of map(MappingRound::kFirst), or a better one. Where the result is not one trusted
 // model of all images and indicates other lenses than guessed, its models are evaluated with these
 // lenses. Where the lenses differ much, mapping is repeated, and the better result is taken.
 template <typename Map>
 Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bool partial,
                                const std::stop_token& stop, const Map& map) {
-  Reconstruction made = map(Round::kFirst);
+  Reconstruction made = map(MappingRound::kFirst);
   if (made.interrupted || made.models.empty()) return made;
   const bool is_whole =
       static_cast<std::size_t>(statistics_of(made.models[0]).registered) == made.outcomes.size();
@@ -448,11 +116,11 @@ Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bo
   };
   try {
     if (take(kMinRemapChange, "the images are mapped again with it")) {
-      Reconstruction second = map(Round::kRemap);
+      Reconstruction second = map(MappingRound::kRemap);
       if (!second.interrupted) return better_of(std::move(made), std::move(second));
       made.interrupted = true;
     } else if (take(kMinReevaluateChange, "the pairs are evaluated again with it")) {
-      Reconstruction reevaluated = map(Round::kReevaluate);
+      Reconstruction reevaluated = map(MappingRound::kReevaluate);
       if (reevaluated.interrupted) made.interrupted = true;
       if (reevaluated.interrupted || reevaluated.models.empty()) return made;
       reevaluated.log.insert(reevaluated.log.begin(), made.log.begin(), made.log.end());
@@ -628,10 +296,10 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
     };
     return mapping;
   };
-  const auto map = [&](Round round) {
-    const bool reevaluates = round == Round::kReevaluate;
+  const auto map = [&](MappingRound round) {
+    const bool reevaluates = round == MappingRound::kReevaluate;
     std::string checkpoint = key;
-    if (!key.empty() && round != Round::kFirst)
+    if (!key.empty() && round != MappingRound::kFirst)
       checkpoint += reevaluates ? Cache::kReevaluatedSuffix : Cache::kRemappedSuffix;
     MapperHooks mapping = hooks_with(checkpoint);
     mapping.save_checkpoint = [&, reevaluates,

@@ -10,12 +10,12 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kMinInliers = 2;         // min inliers of a pair in a cell that it covers
-constexpr int kMinMatchingPairs = 2;   // min pairs that match a feature
-constexpr int kMinCoveringPairs = 4;   // min pairs that cover it
-constexpr double kMaxRareRatio = 0.5;  // of the rate of most features
+constexpr int kMinCellInliers = 2;            // min inliers of a pair in a cell that it covers
+constexpr int kMinMatchingPairs = 2;          // min pairs that match a feature
+constexpr int kMinCoveringPairs = 4;          // min pairs that cover it
+constexpr double kMaxRareFeatureRatio = 0.5;  // of the rate of most features
 // quantile of the rates that defines the rate of most features
-constexpr double kTypicalQuantile = 0.75;
+constexpr double kFeatureQuantile = 0.75;
 
 // The pairs of one image.
 class ImageEvidence {
@@ -34,7 +34,7 @@ class ImageEvidence {
       ++matching_pairs_[at(f)];
     }
     for (std::size_t f = 0; f < cells_.size(); ++f)
-      covering_pairs_[f] += inliers[at(cells_[f])] >= kMinInliers ? 1 : 0;
+      covering_pairs_[f] += inliers[at(cells_[f])] >= kMinCellInliers ? 1 : 0;
     pairs_.push_back({pair, std::move(features), std::move(inliers)});
   }
 
@@ -46,9 +46,9 @@ class ImageEvidence {
     if (rates.empty()) return;
     const auto typical_rate =
         rates.begin() +
-        static_cast<std::ptrdiff_t>(kTypicalQuantile * static_cast<double>(rates.size() - 1));
+        static_cast<std::ptrdiff_t>(kFeatureQuantile * static_cast<double>(rates.size() - 1));
     std::nth_element(rates.begin(), typical_rate, rates.end());
-    const double max_rare_rate = kMaxRareRatio * *typical_rate;
+    const double max_rare_rate = kMaxRareFeatureRatio * *typical_rate;
     for (const CoveringPair& pair : pairs_) {
       std::vector<char> has(cells_.size(), 0);
       for (const int f : pair.features) has[at(f)] = 1;
@@ -57,7 +57,7 @@ class ImageEvidence {
       double expected = 0;
       int found = 0;
       for (std::size_t f = 0; f < cells_.size(); ++f) {
-        if (!is_known(f) || pair.inliers[at(cells_[f])] < kMinInliers) continue;
+        if (!is_known(f) || pair.inliers[at(cells_[f])] < kMinCellInliers) continue;
         const double rate =
             static_cast<double>(matching_pairs_[f] - has[f]) / (covering_pairs_[f] - 1);
         all_expected += rate;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/report.h"
 
+#include "tarsier/core/rounding.h"
 #include "tarsier/sfm/mapper/start_model.h"
 
 #include <fmt/format.h>
@@ -18,17 +19,15 @@ using Json = nlohmann::ordered_json;
 // share of the extent: a larger uncertainty of a centre is reported
 constexpr double kUncertain = 0.01;
 
-double rounded(double value, double steps) { return std::round(value * steps) / steps; }
-
 Json camera_json(const geometry::Camera& camera) {
   Json distortion = Json::array();
-  for (const double k : camera.coefficients()) distortion.push_back(rounded(k, 1e8));
+  for (const double k : camera.coefficients()) distortion.push_back(rounded_to_steps(k, 1e8));
   return {{"width", camera.width},
           {"height", camera.height},
-          {"fx", rounded(camera.fx, 1e4)},
-          {"fy", rounded(camera.fy, 1e4)},
-          {"cx", rounded(camera.cx, 1e4)},
-          {"cy", rounded(camera.cy, 1e4)},
+          {"fx", rounded_to_steps(camera.fx, 1e4)},
+          {"fy", rounded_to_steps(camera.fy, 1e4)},
+          {"cx", rounded_to_steps(camera.cx, 1e4)},
+          {"cy", rounded_to_steps(camera.cy, 1e4)},
           {"lens", geometry::name_of(camera.lens)},
           {"distortion", distortion}};
 }
@@ -44,8 +43,8 @@ Json model_json(const Model& model) {
   return {{"images", statistics.registered},
           {"points", model.points.size()},
           {"observations", statistics.observations},
-          {"mean_track", rounded(statistics.mean_track, 1e3)},
-          {"reprojection_px", rounded(statistics.reprojection_px, 1e4)},
+          {"mean_track", rounded_to_steps(statistics.mean_track, 1e3)},
+          {"reprojection_px", rounded_to_steps(statistics.reprojection_px, 1e4)},
           {"cameras", std::move(cameras)}};
 }
 
@@ -60,9 +59,9 @@ Json joins_json(const Reconstruction& built) {
                {"images_agree", join.agreeing},
                {"points", join.points},
                {"points_agree", join.inliers},
-               {"rotation_deg", rounded(join.rotation_deg, 1e4)},
-               {"scale", rounded(join.first_from_second.scale, 1e6)},
-               {"scale_error", rounded(join.scale_error, 1e6)}};
+               {"rotation_deg", rounded_to_steps(join.rotation_deg, 1e4)},
+               {"scale", rounded_to_steps(join.first_from_second.scale, 1e6)},
+               {"scale_error", rounded_to_steps(join.scale_error, 1e6)}};
     if (!join.refusal.empty()) entry["reason"] = join.refusal;
     joins.push_back(std::move(entry));
   }
@@ -94,16 +93,16 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
   for (const Model& model : built.models) {
     models.push_back(model_json(model));
     const std::size_t m = models.size() - 1;
-    if (m < built.trust.size()) models.back()["trust"] = rounded(built.trust[m], 1e3);
+    if (m < built.trust.size()) models.back()["trust"] = rounded_to_steps(built.trust[m], 1e3);
     if (m < built.shapes.size()) {
       const ModelShape& shape = built.shapes[m];
       if (std::isfinite(shape.weakest_joint))
-        models.back()["weakest_joint"] = rounded(shape.weakest_joint, 1e3);
+        models.back()["weakest_joint"] = rounded_to_steps(shape.weakest_joint, 1e3);
       models.back()["missed_pairs"] = shape.missed_pairs.size();
     }
     if (const CenterUncertainty* uncertainty = uncertainty_of(built, m)) {
-      models.back()["center_sigma_percent"] = rounded(100 * uncertainty->mean, 1e4);
-      models.back()["center_sigma_worst_percent"] = rounded(100 * uncertainty->worst, 1e4);
+      models.back()["center_sigma_percent"] = rounded_to_steps(100 * uncertainty->mean, 1e4);
+      models.back()["center_sigma_worst_percent"] = rounded_to_steps(100 * uncertainty->worst, 1e4);
     }
     point_counts.push_back(observed_points(model));
   }
@@ -116,11 +115,11 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
     entry["registered"] = report.outcome.registered;
     if (report.outcome.registered) {
       entry["model"] = report.outcome.model;
-      if (!built.trust.empty()) entry["trust"] = rounded(report.outcome.trust, 1e3);
+      if (!built.trust.empty()) entry["trust"] = rounded_to_steps(report.outcome.trust, 1e3);
       const auto m = static_cast<std::size_t>(report.outcome.model);
       entry["points"] = point_counts[m][index];
       if (const CenterUncertainty* uncertainty = uncertainty_of(built, m))
-        entry["center_sigma_percent"] = rounded(100 * uncertainty->sigmas[index], 1e4);
+        entry["center_sigma_percent"] = rounded_to_steps(100 * uncertainty->sigmas[index], 1e4);
     } else {
       entry["reason"] = report.outcome.reason;
     }
@@ -145,8 +144,8 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
   Json stages = Json::array();
   for (const StageTime& stage : result.stages)
     stages.push_back({{"name", stage.name},
-                      {"seconds", rounded(stage.seconds, 1e3)},
-                      {"cpu_seconds", rounded(stage.cpu_seconds, 1e3)}});
+                      {"seconds", rounded_to_steps(stage.seconds, 1e3)},
+                      {"cpu_seconds", rounded_to_steps(stage.cpu_seconds, 1e3)}});
   Json report{{"models", std::move(models)},
               {"images", std::move(images)},
               {"pairs",

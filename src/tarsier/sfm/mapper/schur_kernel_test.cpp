@@ -20,7 +20,7 @@ struct Blocks {
 
 constexpr int kCount = 7;
 
-Blocks drawn() {
+Blocks drawn_blocks() {
   Rng rng(3);
   Blocks result{std::vector<double>(18), std::vector<double>(18 * kCount),
                 std::vector<double>(36 * kCount)};
@@ -38,7 +38,7 @@ std::vector<double> after(SubtractProducts subtract, Blocks given) {
 }
 
 TEST(SubtractProducts, SubtractsProductFromEachBlock) {
-  const Blocks given = drawn();
+  const Blocks given = drawn_blocks();
   const std::vector<double> result = after(subtract_products_baseline(), given);
   for (int k = 0; k < kCount; ++k) {
     for (int r = 0; r < 6; ++r) {
@@ -56,7 +56,8 @@ TEST(SubtractProducts, SubtractsProductFromEachBlock) {
 
 TEST(SubtractProducts, Avx2EqualsBaseline) {
   if (hardware_simd_level() < SimdLevel::kAvx2) GTEST_SKIP() << "this processor has no AVX2";
-  EXPECT_EQ(after(subtract_products_avx2(), drawn()), after(subtract_products_baseline(), drawn()));
+  EXPECT_EQ(after(subtract_products_avx2(), drawn_blocks()),
+            after(subtract_products_baseline(), drawn_blocks()));
 }
 
 }  // namespace

@@ -26,7 +26,7 @@ constexpr double kBlurSigma = 0.8;
 constexpr double kMaxCountFactor = 3;  // times max_count, for all views together
 // in sigmas: neighbourhood of a feature that must be inside the image
 constexpr double kNeighbourhoodSigmas = 3;
-constexpr double kSameFeaturePx = 0.5;      // px, max distance of features at one position
+constexpr double kMaxSameFeaturePx = 0.5;   // px, max distance of features at one position
 constexpr double kSameFeatureSigmas = 0.1;  // .. or this times the feature's sigma
 constexpr double kCellPx = 4;               // px, of the grid; also an upper limit of that distance
 // cosine above which a second descriptor is dropped
@@ -179,7 +179,7 @@ std::vector<std::int32_t> add_simulated_views(const cv::Mat& gray, const SiftOpt
       // radius of a circle with the ellipse's area
       const double mean_sigma = sigma * std::sqrt(view.tilt);
       const double radius =
-          std::min(kCellPx, std::max(kSameFeaturePx, kSameFeatureSigmas * mean_sigma));
+          std::min(kCellPx, std::max(kMaxSameFeaturePx, kSameFeatureSigmas * mean_sigma));
       const cv::Mat descriptor = found.descriptors.row(static_cast<int>(k));
       const int point = grid.nearest(position, radius);
       if (point < 0) {

@@ -50,20 +50,20 @@ TiltedPlane seen_from_the_side(const cv::Mat& image, double degrees) {
   return plane;
 }
 
-struct MatchQuality {
+struct PlaneMatches {
   int matches = 0;
   int correct = 0;          // within 3 px of the truth
   double median_error = 0;  // px, of those within 3 px
 };
 
-MatchQuality matched(const cv::Mat& front, const TiltedPlane& plane, bool wide) {
+PlaneMatches matched_plane(const cv::Mat& front, const TiltedPlane& plane, bool wide) {
   FeatureOptions options;
   options.wide = wide;
   options.max_count = 1500;
   const Features a = find_features(front, options);
   const Features b = find_features(plane.image, options);
   std::vector<double> errors;
-  MatchQuality quality;
+  PlaneMatches quality;
   for (const Match& match : match_features(a, b, FeatureKind::kSift, {})) {
     const cv::Point2f p = a.points[static_cast<std::size_t>(match.first)];
     const cv::Point2f q = b.points[static_cast<std::size_t>(match.second)];
@@ -85,8 +85,8 @@ TEST(SimulatedViews, MatchPlaneSeenObliquely) {
   for (const double degrees : {60.0, 70.0}) {
     SCOPED_TRACE(degrees);
     const TiltedPlane plane = seen_from_the_side(front, degrees);
-    const MatchQuality plain = matched(front, plane, false);
-    const MatchQuality wide = matched(front, plane, true);
+    const PlaneMatches plain = matched_plane(front, plane, false);
+    const PlaneMatches wide = matched_plane(front, plane, true);
     RecordProperty("plain", plain.correct);
     RecordProperty("wide", wide.correct);
     EXPECT_GT(wide.correct, 4 * plain.correct);

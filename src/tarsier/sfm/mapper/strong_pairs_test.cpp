@@ -14,7 +14,7 @@ namespace {
 
 const PatchRejection kPatchesDiffer{"differ", true};
 
-Pair pair_of(int first, int second, std::size_t inliers) {
+Pair verified_pair(int first, int second, std::size_t inliers) {
   Pair pair;
   pair.first = first;
   pair.second = second;
@@ -25,16 +25,17 @@ Pair pair_of(int first, int second, std::size_t inliers) {
 }
 
 // A pair with wrong matches and a rotation by `angle` radians.
-Pair wrong_pair_of(int first, int second, std::size_t inliers, double angle) {
-  Pair pair = pair_of(first, second, inliers);
+Pair wrong_pair(int first, int second, std::size_t inliers, double angle) {
+  Pair pair = verified_pair(first, second, inliers);
   pair.view.inliers = shown_matches(inliers, 3);
   pair.view.second_from_first.rotation = geometry::rotation_by({0, angle, 0});
   return pair;
 }
 
 TEST(StrongPairs, HaveMostInliersOfEitherImage) {
-  const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 79), pair_of(2, 3, 80),
-                                pair_of(0, 3, 63), pair_of(3, 4, 20)};
+  const std::vector<Pair> pairs{verified_pair(0, 1, 100), verified_pair(1, 2, 79),
+                                verified_pair(2, 3, 80), verified_pair(0, 3, 63),
+                                verified_pair(3, 4, 20)};
   const std::vector<Pair> strong = strong_pairs(pairs, 5, 0.8);
   ASSERT_EQ(strong.size(), 5U);
   EXPECT_EQ(strong[0].view.inliers.size(), 100U);
@@ -52,14 +53,15 @@ TEST(StrongPairs, ContradictedPairsLoseTheirInliers) {
     model.images[i].pose.translation = {static_cast<double>(i), 0, 0};
   }
   show_points(model, {0, 0, 8}, 4);
-  const Pair wrong = wrong_pair_of(0, 2, 50, CV_PI / 2);
-  const std::vector<Pair> pairs{pair_of(0, 1, 50), wrong, pair_of(2, 3, 50), pair_of(1, 2, 50)};
+  const Pair wrong = wrong_pair(0, 2, 50, CV_PI / 2);
+  const std::vector<Pair> pairs{verified_pair(0, 1, 50), wrong, verified_pair(2, 3, 50),
+                                verified_pair(1, 2, 50)};
   const std::vector<Pair> remaining = without_contradicted(pairs, {model});
   EXPECT_EQ(remaining[0].view.inliers.size(), 50U);
   EXPECT_EQ(remaining[1].view.inliers.size(), 0U);
   EXPECT_EQ(remaining[2].view.inliers.size(), 50U);  // image 3 is in no model
   // But if the contradiction is small, it may be accumulated drift.
-  const Pair missed = wrong_pair_of(0, 2, 50, 0.3);
+  const Pair missed = wrong_pair(0, 2, 50, 0.3);
   const std::vector<Pair> with_missed{pairs[0], missed, pairs[3]};
   EXPECT_EQ(without_contradicted(with_missed, {model})[1].view.inliers.size(), 50U);
   std::vector<Pair> some = pairs;
@@ -96,10 +98,14 @@ struct FakeMapper {
 };
 
 TEST(StrongPairs, WeakerPairsAreAddedWhileScoreRises) {
-  const Pair wrong = wrong_pair_of(0, 4, 70, CV_PI / 2);
-  const std::vector<Pair> pairs{
-      pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
-      pair_of(1, 3, 85),  pair_of(1, 4, 30)};
+  const Pair wrong = wrong_pair(0, 4, 70, CV_PI / 2);
+  const std::vector<Pair> pairs{verified_pair(0, 1, 100),
+                                verified_pair(1, 2, 100),
+                                verified_pair(2, 3, 100),
+                                verified_pair(3, 4, 100),
+                                wrong,
+                                verified_pair(1, 3, 85),
+                                verified_pair(1, 4, 30)};
   FakeMapper mapper{{0.5, 0.6, 0.4, 0.6}, {}};
   const Reconstruction made =
       map_strong_pairs_first(pairs, std::vector<PatchRejection>(pairs.size()), 5, std::ref(mapper));
@@ -117,9 +123,10 @@ TEST(StrongPairs, WeakerPairsAreAddedWhileScoreRises) {
 }
 
 TEST(StrongPairs, ScoreMayFallSlightlyWherePatchesDiffer) {
-  const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100),
-                                pair_of(3, 4, 100), pair_of(1, 3, 85),  pair_of(1, 4, 30),
-                                pair_of(0, 4, 40)};
+  const std::vector<Pair> pairs{verified_pair(0, 1, 100), verified_pair(1, 2, 100),
+                                verified_pair(2, 3, 100), verified_pair(3, 4, 100),
+                                verified_pair(1, 3, 85),  verified_pair(1, 4, 30),
+                                verified_pair(0, 4, 40)};
   const auto calls_with = [&](const std::vector<PatchRejection>& rejections) {
     FakeMapper mapper{{0.6, 0.57, 0.3, 0.3, 0.3}, {}};
     (void)map_strong_pairs_first(pairs, rejections, 5, std::ref(mapper));
@@ -133,10 +140,13 @@ TEST(StrongPairs, ScoreMayFallSlightlyWherePatchesDiffer) {
 }
 
 TEST(StrongPairs, RejectedPairsAreUsedOnlyWhereModelAgrees) {
-  const Pair wrong = wrong_pair_of(0, 4, 100, CV_PI / 2);
-  const std::vector<Pair> pairs{
-      pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100), pair_of(3, 4, 100), wrong,
-      pair_of(1, 3, 100)};
+  const Pair wrong = wrong_pair(0, 4, 100, CV_PI / 2);
+  const std::vector<Pair> pairs{verified_pair(0, 1, 100),
+                                verified_pair(1, 2, 100),
+                                verified_pair(2, 3, 100),
+                                verified_pair(3, 4, 100),
+                                wrong,
+                                verified_pair(1, 3, 100)};
   FakeMapper mapper{{0.5, 0.4, 0.6}, {}};
   const Reconstruction made = map_strong_pairs_first(
       pairs, {{}, {}, {}, {}, kPatchesDiffer, kPatchesDiffer}, 5, std::ref(mapper));
@@ -156,8 +166,8 @@ TEST(StrongPairs, TrustFallsWithAgreeingRejectedPairs) {
     outcome.model = 0;
     outcome.trust = 1;
   }
-  const std::vector<Pair> pairs{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 100),
-                                pair_of(3, 4, 100)};
+  const std::vector<Pair> pairs{verified_pair(0, 1, 100), verified_pair(1, 2, 100),
+                                verified_pair(2, 3, 100), verified_pair(3, 4, 100)};
   const std::vector<PatchRejection> rejections{kPatchesDiffer, {}, {"few", false}, {}};
   lower_trust(pairs, rejections, made);
   EXPECT_DOUBLE_EQ(made.trust[0], (0 + 0.5 + 3 * 1) / 5);
@@ -189,7 +199,7 @@ TEST(StrongPairs, PropagatesInterruptionAndKeepsBetterModel) {
   const MapPairs interrupted = [](const std::vector<Pair>&) -> Reconstruction {
     throw Interrupted();
   };
-  EXPECT_THROW((void)map_strong_pairs_first({pair_of(0, 1, 50)}, {{}}, 2, interrupted),
+  EXPECT_THROW((void)map_strong_pairs_first({verified_pair(0, 1, 50)}, {{}}, 2, interrupted),
                Interrupted);
   FakeMapper mapper{{0.5, 0.6}, {}};
   Reconstruction first = mapper({});

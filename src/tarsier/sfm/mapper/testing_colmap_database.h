@@ -3,7 +3,7 @@
 
 #include "tarsier/media/sqlite.h"
 
-namespace tarsier::sfm::testing {
+namespace tarsier::sfm::test_support {
 
 // A database of COLMAP, to be changed by SQL.
 inline DatabaseKind colmap_database_kind() {
@@ -15,4 +15,4 @@ inline DatabaseKind colmap_database_kind() {
   return kind;
 }
 
-}  // namespace tarsier::sfm::testing
+}  // namespace tarsier::sfm::test_support

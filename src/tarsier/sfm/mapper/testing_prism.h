@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-namespace tarsier::sfm::testing {
+namespace tarsier::sfm::test_support {
 
 inline constexpr int kPrismImages = 72;
 inline constexpr int kPrismSide = kPrismImages / 4;
@@ -107,4 +107,4 @@ inline Prism prism(bool folded) {
   return prism;
 }
 
-}  // namespace tarsier::sfm::testing
+}  // namespace tarsier::sfm::test_support

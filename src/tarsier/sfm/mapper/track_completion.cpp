@@ -20,8 +20,8 @@ namespace {
 constexpr std::size_t kFailedOfTrack = 16;  // remembered failed pairs of tracks, per track
 constexpr std::size_t kMaxFailed = std::size_t{1} << 22;  // .. and in total
 // views of a point compared with a feature, evenly spread
-constexpr std::size_t kMaxCompared = 12;
-constexpr std::size_t kMaxRays = 64;          // for two points that may be one, evenly spread
+constexpr std::size_t kMaxComparedViews = 12;
+constexpr std::size_t kMaxMergeRays = 64;     // for two points that may be one, evenly spread
 constexpr std::size_t kMinReliableViews = 6;  // min views of a point whose position is reliable
 constexpr double kMinDistinctError = 4;  // in units of reprojection_px: such points are different
 
@@ -199,7 +199,7 @@ int IncrementalMapper::best_match(int track, int image, const std::vector<int>& 
   int best_feature = -1;
   double best_similarity = options_.extend_similarity;
   const std::vector<Observation>& views = model_.points[at(track)].track;
-  const std::size_t stride = (views.size() + kMaxCompared - 1) / kMaxCompared;
+  const std::size_t stride = (views.size() + kMaxComparedViews - 1) / kMaxComparedViews;
   for (const int feature : features) {
     double max_similarity = 0;
     for (std::size_t k = 0; k < views.size(); k += stride) {
@@ -251,7 +251,7 @@ int IncrementalMapper::merge(int track, const Observation& seen) {
   for (const Observation& observation : more)
     if (model_.images[at(observation.image)].registered) all.push_back(observation);
   std::vector<ObservationRay> rays;
-  const std::size_t stride = (all.size() + kMaxRays - 1) / kMaxRays;
+  const std::size_t stride = (all.size() + kMaxMergeRays - 1) / kMaxMergeRays;
   for (std::size_t k = 0; k < all.size(); k += stride) rays.push_back(ray_of(all[k]));
   const auto position = triangulate(rays);
   if (!position || !std::all_of(all.begin(), all.end(), [&](const Observation& one) {

@@ -8,7 +8,7 @@
 namespace tarsier::sfm {
 namespace {
 
-Pair pair_of(int first, int second, std::vector<Match> matches) {
+Pair matched_pair(int first, int second, std::vector<Match> matches) {
   Pair pair;
   pair.first = first;
   pair.second = second;
@@ -18,9 +18,9 @@ Pair pair_of(int first, int second, std::vector<Match> matches) {
 }
 
 TEST(MakeTracks, MergesMatchesOfSeveralPairs) {
-  const auto tracks = make_tracks(
-      {pair_of(0, 1, {{0, 0}, {1, 2}}), pair_of(1, 2, {{0, 5}}), pair_of(0, 2, {{0, 5}})},
-      {3, 3, 6});
+  const auto tracks = make_tracks({matched_pair(0, 1, {{0, 0}, {1, 2}}),
+                                   matched_pair(1, 2, {{0, 5}}), matched_pair(0, 2, {{0, 5}})},
+                                  {3, 3, 6});
   ASSERT_EQ(tracks.size(), 2U);
   EXPECT_EQ(tracks[0], (std::vector<Observation>{{0, 0}, {1, 0}, {2, 5}}));
   EXPECT_EQ(tracks[1], (std::vector<Observation>{{0, 1}, {1, 2}}));
@@ -28,9 +28,10 @@ TEST(MakeTracks, MergesMatchesOfSeveralPairs) {
 
 TEST(MakeTracks, WrongMatchDoesNotMergeTracks) {
   // The weak pair matches feature 0 of image 2 with another point of image 0.
-  const auto tracks = make_tracks({pair_of(0, 1, {{0, 0}, {1, 1}, {2, 2}}),
-                                   pair_of(1, 2, {{0, 0}, {1, 1}}), pair_of(0, 2, {{1, 0}})},
-                                  {3, 3, 3});
+  const auto tracks =
+      make_tracks({matched_pair(0, 1, {{0, 0}, {1, 1}, {2, 2}}),
+                   matched_pair(1, 2, {{0, 0}, {1, 1}}), matched_pair(0, 2, {{1, 0}})},
+                  {3, 3, 3});
   ASSERT_EQ(tracks.size(), 3U);
   for (const auto& track : tracks) {
     std::set<int> images;
@@ -41,8 +42,8 @@ TEST(MakeTracks, WrongMatchDoesNotMergeTracks) {
 }
 
 TEST(MakeTracks, RefusesUnknownFeatures) {
-  EXPECT_THROW((void)make_tracks({pair_of(0, 1, {{3, 0}})}, {3, 3}), std::invalid_argument);
-  EXPECT_THROW((void)make_tracks({pair_of(0, 2, {{0, 0}})}, {3, 3}), std::invalid_argument);
+  EXPECT_THROW((void)make_tracks({matched_pair(0, 1, {{3, 0}})}, {3, 3}), std::invalid_argument);
+  EXPECT_THROW((void)make_tracks({matched_pair(0, 2, {{0, 0}})}, {3, 3}), std::invalid_argument);
   EXPECT_TRUE(make_tracks(std::vector<Pair>{}, {3, 3}).empty());
 }
 

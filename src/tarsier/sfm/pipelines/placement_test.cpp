@@ -268,7 +268,7 @@ void write_priors(const std::string& path, const std::vector<Eigen::Vector3d>& p
   for (std::size_t i = 0; i < positions.size(); ++i)
     database.images.push_back({std::to_string(i) + ".jpg", 0, {}});
   write_colmap_database(path, database);
-  Database file(path, testing::colmap_database_kind(), DatabaseAccess::kWrite);
+  Database file(path, test_support::colmap_database_kind(), DatabaseAccess::kWrite);
   file.run(
       "CREATE TABLE pose_priors (image_id INTEGER PRIMARY KEY NOT NULL, position BLOB, "
       "coordinate_system INTEGER NOT NULL, position_covariance BLOB)");

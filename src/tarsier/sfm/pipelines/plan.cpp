@@ -36,8 +36,8 @@ using OrderedJson = nlohmann::ordered_json;
 
 constexpr std::int64_t kMaxPlanBytes = 2'000'000'000;
 constexpr std::int64_t kMaxPairsBytes = 1'000'000'000;
-constexpr const char* kWriter = "tarsier sfm plan";
-constexpr int kVersion = 2;
+constexpr const char* kPlanWriter = "tarsier sfm plan";
+constexpr int kPlanVersion = 2;
 
 std::string plan_path(const std::string& folder) {
   return (fs::path(folder) / "plan.json").string();
@@ -317,8 +317,8 @@ Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
     progress.advance();
   }
   progress.end();
-  OrderedJson json{{"written_by", kWriter},
-                   {"version", kVersion},
+  OrderedJson json{{"written_by", kPlanWriter},
+                   {"version", kPlanVersion},
                    {"shards", shards},
                    {"options", json_of(plan.options)}};
   if (cluster_size > 0) json["cluster_size"] = cluster_size;
@@ -341,11 +341,11 @@ Plan read_plan(const std::string& folder) {
   const Json json =
       parse_json(text, path, {.max_bytes = kMaxPlanBytes, .max_values = kMaxPlanBytes});
   const Members members(json, path);
-  if (members.text("written_by") != kWriter) members.fail("written_by");
-  if (const auto version = members.number<int>("version"); version != kVersion) {
+  if (members.text("written_by") != kPlanWriter) members.fail("written_by");
+  if (const auto version = members.number<int>("version"); version != kPlanVersion) {
     throw InputError(path, fmt::format("the plan has version {}, but this program reads version "
                                        "{}: run `tarsier sfm plan` again",
-                                       version, kVersion));
+                                       version, kPlanVersion));
   }
   Plan plan;
   Sha256 sum;

@@ -29,7 +29,7 @@ constexpr std::int64_t kMaxReportBytes = 1'000'000'000;
 constexpr int kMaxModels = 1'000'000;
 // The key of "images" in reports of older versions.
 constexpr const char* kOldImagesKey = "photographs";
-constexpr const char* kWriter = "tarsier sfm reconstruct";
+constexpr const char* kReportWriter = "tarsier sfm reconstruct";
 constexpr const char* kModelFiles[] = {"cameras.txt", "images.txt",   "points3D.txt", "cameras.bin",
                                        "images.bin",  "points3D.bin", "points.ply",   "cameras.ply",
                                        "view.png",    "view.html",    "turntable.gif"};
@@ -53,7 +53,7 @@ int integer_or_zero(const Json& object, const char* name) {
 
 bool is_report_of_model(const fs::path& folder, int model) {
   const Json report = read_report(folder);
-  return report.is_object() && report.value("written_by", Json()) == kWriter &&
+  return report.is_object() && report.value("written_by", Json()) == kReportWriter &&
          integer_or_zero(report, "model") == model;
 }
 
@@ -157,7 +157,7 @@ void begin_model_folder(const std::string& folder, int model) {
   TARSIER_REQUIRE(model >= 1, "model {}", model);
   const std::string path = model_folder(folder, model);
   make_folder(path);
-  const nlohmann::ordered_json report{{"written_by", kWriter}, {"model", model}};
+  const nlohmann::ordered_json report{{"written_by", kReportWriter}, {"model", model}};
   write_file_atomically((fs::path(path) / "report.json").string(), report.dump(1) + "\n");
 }
 

@@ -33,7 +33,8 @@ using Json = nlohmann::json;
 
 constexpr std::int64_t kMaxShardBytes = 16'000'000'000;
 constexpr std::int64_t kMaxInfoBytes = 256'000'000;
-constexpr int kVersion = 2;  // of the file format, and of the algorithms for features and matches
+constexpr int kShardVersion =
+    2;  // of the file format, and of the algorithms for features and matches
 constexpr std::array<const char*, 3> kLensOrigins = {"given", "EXIF", "guess"};
 constexpr int kMaxImageSide = 1'000'000;  // px
 
@@ -57,7 +58,7 @@ auto read_packed(const std::string& path, const std::string& sum, const Read& re
     PackedReader reader(path, kMaxShardBytes);
     if (reader.sum() != sum)
       throw InputError(path, "does not match the checksum in its .done file");
-    if (reader.get<std::int32_t>() != kVersion)
+    if (reader.get<std::int32_t>() != kShardVersion)
       throw InputError(path, "was written by another version of this program");
     auto result = read(reader);
     if (!reader.is_at_end()) throw Damaged();
@@ -69,7 +70,7 @@ auto read_packed(const std::string& path, const std::string& sum, const Read& re
 
 PackedWriter packed_writer() {
   PackedWriter writer;
-  writer.put(static_cast<std::int32_t>(kVersion));
+  writer.put(static_cast<std::int32_t>(kShardVersion));
   return writer;
 }
 
@@ -158,7 +159,7 @@ ShardInfo info_of(const Json& json) {
 }
 
 bool is_valid(const Json& json, const ShardInfo& info) {
-  return json.at("version") == kVersion && json.at("stage") == name_of(info.stage) &&
+  return json.at("version") == kShardVersion && json.at("stage") == name_of(info.stage) &&
          json.at("written_by") == writer_of(info.stage) && info.shards >= 1 &&
          info.shards <= kMaxShards && info.shard >= 1 && info.shard <= info.shards &&
          info.count >= 0 && std::is_sorted(info.left_out.begin(), info.left_out.end());
@@ -185,7 +186,7 @@ ShardRange range_of_shard(std::int64_t count, int shard, int shards) {
 
 void write_shard_info(const std::string& path, const ShardInfo& info) {
   nlohmann::ordered_json json{{"written_by", writer_of(info.stage)},
-                              {"version", kVersion},
+                              {"version", kShardVersion},
                               {"stage", name_of(info.stage)},
                               {"shard", {info.shard, info.shards}},
                               {"plan", info.plan},

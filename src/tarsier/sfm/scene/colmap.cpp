@@ -8,6 +8,7 @@
 #include "tarsier/geometry/colmap_camera.h"
 #include "tarsier/sfm/scene/buffered_file.h"
 #include "tarsier/sfm/scene/colmap_binary.h"
+#include "tarsier/sfm/scene/colmap_limits.h"
 
 #include <fmt/format.h>
 
@@ -31,10 +32,7 @@ namespace {
 namespace fs = std::filesystem;
 using geometry::kColmapOffset;
 
-constexpr std::size_t kMaxItems = 1'000'000;        // cameras, images
-constexpr std::size_t kMaxFeatures = 500'000'000;   // in all images together
 constexpr std::size_t kMaxLineBytes = 100'000'000;  // more than a million features or observations
-constexpr double kMaxPixel = 1e7;                   // px; larger coordinates are not in an image
 constexpr std::int64_t kMaxId = std::numeric_limits<std::uint32_t>::max();
 constexpr std::int64_t kMaxPointId = std::numeric_limits<std::int64_t>::max();
 constexpr int kMaxIndex = std::numeric_limits<int>::max();
@@ -252,8 +250,8 @@ class ModelReader {
     LineReader reader(path);
     std::string_view line;
     while (reader.next_content(line)) {
-      if (model_.cameras.size() == kMaxItems)
-        reader.fail(fmt::format("more than the limit of {} cameras", kMaxItems));
+      if (model_.cameras.size() == kMaxColmapItems)
+        reader.fail(fmt::format("more than the limit of {} cameras", kMaxColmapItems));
       geometry::ColmapCamera read = geometry::parse_colmap_camera(line, path, reader.number());
       if (!cameras_.emplace(read.id, static_cast<int>(model_.cameras.size())).second)
         reader.fail(fmt::format("camera {} occurs twice", read.id));
@@ -266,15 +264,15 @@ class ModelReader {
     std::map<std::string, int, std::less<>> turns;
     const auto on_comment = [&](std::string_view comment) {
       // In the format of write_images(); other comments are ignored.
-      if (!comment.starts_with(kOrientationComment) || turns.size() == kMaxItems) return;
+      if (!comment.starts_with(kOrientationComment) || turns.size() == kMaxColmapItems) return;
       std::string_view rest = comment.substr(kOrientationComment.size());
       const auto quarters = to_integer(next_word(rest), 1, 3);
       if (quarters && !rest.empty()) turns.emplace(rest.substr(1), static_cast<int>(*quarters));
     };
     std::string_view line;
     while (reader.next_content(line, on_comment)) {
-      if (model_.images.size() == kMaxItems)
-        reader.fail(fmt::format("more than the limit of {} images", kMaxItems));
+      if (model_.images.size() == kMaxColmapItems)
+        reader.fail(fmt::format("more than the limit of {} images", kMaxColmapItems));
       Image image = read_image(reader, line);
       if (!names.insert(image.name).second)
         reader.fail(fmt::format("'{}' occurs twice", printable(image.name)));
@@ -315,11 +313,11 @@ class ModelReader {
   void read_features(const LineReader& reader, std::string_view rest, Image& image,
                      std::vector<std::int64_t>& point_ids) {
     while (!(rest = trimmed(rest)).empty()) {
-      if (++features_ > kMaxFeatures)
-        reader.fail(fmt::format("more than the limit of {} features", kMaxFeatures));
+      if (++features_ > kMaxColmapFeatures)
+        reader.fail(fmt::format("more than the limit of {} features", kMaxColmapFeatures));
       const double x = reader.number(rest, "a feature's x") - kColmapOffset;
       const double y = reader.number(rest, "a feature's y") - kColmapOffset;
-      if (std::abs(x) > kMaxPixel || std::abs(y) > kMaxPixel)
+      if (std::abs(x) > kMaxColmapPixel || std::abs(y) > kMaxColmapPixel)
         reader.fail(fmt::format("the feature ({}, {}) is far outside the image", x, y));
       image.features.emplace_back(static_cast<float>(x), static_cast<float>(y));
       point_ids.push_back(reader.integer(rest, "a feature's point", -1, kMaxPointId));

@@ -6,6 +6,7 @@
 #include "tarsier/geometry/colmap_camera.h"
 #include "tarsier/sfm/scene/buffered_file.h"
 #include "tarsier/sfm/scene/colmap.h"
+#include "tarsier/sfm/scene/colmap_limits.h"
 
 #include <fmt/format.h>
 
@@ -28,11 +29,8 @@ namespace fs = std::filesystem;
 using geometry::kColmapOffset;
 static_assert(std::endian::native == std::endian::little);
 
-constexpr std::uint64_t kMaxItems = 1'000'000;       // cameras, images
-constexpr std::uint64_t kMaxFeatures = 500'000'000;  // in all images together
 constexpr std::uint64_t kMaxPoints = std::numeric_limits<int>::max();
 constexpr std::size_t kMaxNameBytes = 4096;
-constexpr double kMaxPixel = 1e7;
 constexpr std::uint64_t kNoPoint = std::numeric_limits<std::uint64_t>::max();
 
 class BinaryWriter : public BufferedFile {
@@ -121,7 +119,7 @@ class BinaryModel {
  private:
   void read_cameras(const std::string& path) {
     BinaryReader reader(path);
-    const auto count = reader.count(kMaxItems, 24, "cameras");
+    const auto count = reader.count(kMaxColmapItems, 24, "cameras");
     for (std::uint64_t k = 0; k < count; ++k) {
       const auto id = reader.next<std::uint32_t>();
       geometry::ColmapCameraNumbers numbers;
@@ -141,7 +139,7 @@ class BinaryModel {
   void read_images(const std::string& path) {
     BinaryReader reader(path);
     std::set<std::string> names;
-    const auto count = reader.count(kMaxItems, 73, "images");
+    const auto count = reader.count(kMaxColmapItems, 73, "images");
     std::uint64_t features = 0;
     for (std::uint64_t k = 0; k < count; ++k) {
       const auto id = reader.next<std::uint32_t>();
@@ -164,13 +162,13 @@ class BinaryModel {
       if (!names.insert(image.name).second)
         reader.fail(fmt::format("'{}' occurs twice", printable(image.name)));
       if (!images_.emplace(id, static_cast<int>(k)).second) reader.fail(what + " occurs twice");
-      const auto own = reader.count(kMaxFeatures - features, 24, "features of " + what);
+      const auto own = reader.count(kMaxColmapFeatures - features, 24, "features of " + what);
       features += own;
       std::vector<std::uint64_t>& ids = point_ids_.emplace_back();
       for (std::uint64_t f = 0; f < own; ++f) {
         const double x = reader.number("a feature of " + what) - kColmapOffset;
         const double y = reader.number("a feature of " + what) - kColmapOffset;
-        if (std::abs(x) > kMaxPixel || std::abs(y) > kMaxPixel)
+        if (std::abs(x) > kMaxColmapPixel || std::abs(y) > kMaxColmapPixel)
           reader.fail(
               fmt::format("the feature ({}, {}) of {} is far outside the image", x, y, what));
         image.features.emplace_back(static_cast<float>(x), static_cast<float>(y));
@@ -194,7 +192,7 @@ class BinaryModel {
       for (int i = 0; i < 3; ++i) point.position[i] = reader.number(what);
       for (int i = 2; i >= 0; --i) point.color[i] = reader.next<std::uint8_t>();
       point.error = std::max(reader.number("the error of " + what), 0.0);
-      const auto length = reader.count(kMaxFeatures, 8, "observations of " + what);
+      const auto length = reader.count(kMaxColmapFeatures, 8, "observations of " + what);
       std::set<int> observing_images;
       for (std::uint64_t t = 0; t < length; ++t) {
         const auto image = images_.find(reader.next<std::uint32_t>());

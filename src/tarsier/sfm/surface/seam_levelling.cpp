@@ -9,7 +9,7 @@ namespace {
 
 constexpr double kAnchor = 1e-4;
 constexpr int kIterations = 1000;
-constexpr double kTolerance = 1e-4;  // relative to the right side
+constexpr double kSolverTolerance = 1e-4;  // relative to the right side
 
 // A symmetric sparse matrix by rows: the diagonal and the other entries.
 struct Matrix {
@@ -72,7 +72,7 @@ std::vector<double> solve(const Matrix& matrix, const std::vector<double>& right
   std::vector<double> direction(nodes, 0);
   std::vector<double> image(nodes);
   double before = 0;
-  const double enough = kTolerance * kTolerance * dot(right, right);
+  const double enough = kSolverTolerance * kSolverTolerance * dot(right, right);
   for (int step = 0; step < kIterations && dot(residual, residual) > enough; ++step) {
     for (std::size_t i = 0; i < nodes; ++i) scaled[i] = residual[i] / matrix.diagonal[i];
     const double now = dot(residual, scaled);

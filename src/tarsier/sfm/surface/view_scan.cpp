@@ -19,7 +19,7 @@ namespace {
 
 constexpr double kBorder_px = 2;         // px
 constexpr int kBackgroundMargin_px = 2;  // px of a depth map
-constexpr float kMinCosine = 0.08F;      // 85 degrees
+constexpr float kMinScanCosine = 0.08F;  // 85 degrees
 constexpr double kMaxPixels = 1.5e6;     // max size of the depth image for the visibility test
 constexpr int kMaxFillSteps = 64;  // steps that spread colours to vertices that no image shows
 constexpr float kFar = std::numeric_limits<float>::infinity();
@@ -124,7 +124,7 @@ float quality_of(const Face& face, const std::vector<Eigen::Vector3f>& points,
   const Eigen::Vector3f& c = points[at(face[2])];
   const Eigen::Vector3f center = (a + b + c) / 3;
   const float cosine = cosine_of((b - a).cross(c - a), center);
-  if (!(cosine > kMinCosine)) return 0;
+  if (!(cosine > kMinScanCosine)) return 0;
   for (const Eigen::Vector3f& x : {a, b, c, center})
     if (!depth_view.shows(x)) return 0;
   const cv::Point2d p = depth_view.pixel(a);
@@ -227,7 +227,7 @@ ViewScan scan_views(const Workspace& workspace, const SurfaceMesh& mesh, double 
                         for (int v = range.start; v < range.end; ++v) {
                           const Eigen::Vector3f& x = points[at(v)];
                           const float cosine = cosine_of(rotation * normals[at(v)], x);
-                          if (!(cosine > kMinCosine) || !depth_view.shows(x)) continue;
+                          if (!(cosine > kMinScanCosine) || !depth_view.shows(x)) continue;
                           const float finer = static_cast<float>(depth_view.camera.fx) / x[2];
                           const float quality = cosine * finer * finer;
                           const cv::Vec3f color = color_at(image, depth_view.pixel(x));
