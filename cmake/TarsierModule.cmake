@@ -99,6 +99,7 @@ endfunction()
 # Tests, verbs, windows and the server are not in inner loops: the library's modules are. Higher optimisation would take a
 # fifth (of tests a third) of their compile time.
 function(tarsier_quickly_compiled target)
+  set_property(TARGET ${target} PROPERTY TARSIER_QUICKLY_COMPILED ON)
   target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
   # With -O1, GCC 12 wrongly reports members of temporaries.
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
@@ -113,9 +114,10 @@ function(tarsier_always_optimised)
   endif()
 endfunction()
 
-# The headers that nearly all files include, compiled once: for libraries and programs, and with the test headers. They
-# hide a missing #include, so the preset dev does not use them. The sanitizer presets do not use them either: GCC raises
-# more false alarms in precompiled headers, and warnings are errors there.
+# The headers that nearly all files include, compiled once: for the library, for what is quickly compiled, and with the test
+# headers. GCC 14 does not use them with another level of optimisation. They hide a missing #include, so the preset dev does not
+# use them. The sanitizer presets do not use them either: GCC raises more false alarms in precompiled headers, and warnings are
+# errors there.
 # nlohmann/json.hpp is not among them: it has an inline function (operator""_json) whose templates each file would
 # instantiate again, used or not, in 0.4 s. Headers include json_fwd.hpp where that suffices.
 # Of our own headers, those that instantiate large class templates are (std::variant of options, Eigen::Matrix).
@@ -126,7 +128,7 @@ if(TARSIER_PCH)
       ${PROJECT_SOURCE_DIR}/src/tarsier/geometry/rigid3.h)
   # An existing file is not touched; otherwise each configuration would compile everything again.
   file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/pch.cpp CONTENT "")
-  foreach(kind IN ITEMS code test)
+  foreach(kind IN ITEMS code quick test)
     if(kind STREQUAL test AND NOT TARSIER_BUILD_TESTS)
       continue()
     endif()
@@ -136,11 +138,13 @@ if(TARSIER_PCH)
     target_precompile_headers(tarsier_pch_${kind} PRIVATE ${headers})
     tarsier_strict(tarsier_pch_${kind})
     set_target_properties(tarsier_pch_${kind} PROPERTIES EXPORT_COMPILE_COMMANDS OFF)
+    if(NOT kind STREQUAL code)
+      tarsier_quickly_compiled(tarsier_pch_${kind})
+    endif()
   endforeach()
   if(TARSIER_BUILD_TESTS)
     target_link_libraries(tarsier_pch_test PRIVATE GTest::gmock GTest::gtest)
     target_precompile_headers(tarsier_pch_test PRIVATE <gmock/gmock.h> <gtest/gtest.h>)
-    tarsier_quickly_compiled(tarsier_pch_test)
   endif()
 endif()
 
@@ -161,8 +165,11 @@ function(tarsier_precompiled target)
     return()
   endif()
   set(kind code)
+  get_target_property(is_quick ${target} TARSIER_QUICKLY_COMPILED)
   if(target MATCHES "_test$")
     set(kind test)
+  elseif(is_quick)
+    set(kind quick)
   endif()
   target_precompile_headers(${target} REUSE_FROM tarsier_pch_${kind})
   cmake_language(EVAL CODE "cmake_language(DEFER CALL tarsier_skip_precompiled [[${target}]])")
