@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: MIT
 """scripts/build-times.py [BUILD] [--top N] [--limit PERCENT]
 
-The processor time of each compiled file (several sources, in a unity build) of a build with tests (cmake/compile-time.sh measures it), by folder, and the N slowest
-files (10). Exit status 1 if a file took more than PERCENT of the total, which does not depend on the machine's speed.
+The processor time of each compiled file of a build with tests (cmake/compile-time.sh measures it), by folder, and the N slowest
+files (10). In a unity build a file includes several sources.
+Exit status 1 if a file took more than PERCENT of the total, which does not depend on the machine's speed.
 Files from ccache count with the time of the cache. For the cost of a full build, build with CCACHE_DISABLE=1 into an empty folder.
 For the limit, files below half a second are assumed to come from ccache and count as the mean of the others.
 """
