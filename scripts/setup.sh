@@ -18,7 +18,7 @@ data_packages+=(fonts-opendin fonts-urw-base35 fonts-freefont-ttf fonts-roadgeek
 # fonts-national-park fonts-routed-gothic fonts-bebas-neue fonts-osifont fonts-ocr-b fonts-roboto-unhinted fonts-open-sans fonts-b612
 # fonts-liberation fonts-allerta fonts-tuffy fonts-adf-universalis fonts-adf-gillius fonts-dosis
 # The test framework, and what plays the part of screens, fingers, cameras and servers in the tests.
-test_packages=(libgtest-dev libgmock-dev xvfb xauth xdotool libxfixes3 ffmpeg openssl python3 mosquitto mosquitto-clients)
+test_packages=(libgtest-dev libgmock-dev xvfb xauth xdotool libxfixes3 ffmpeg openssl python3 mosquitto mosquitto-clients curl git)
 # A peer that `tarsier bench markers` measures itself beside.
 test_packages+=(libapriltag-dev)
 # The browser that the pages of `tarsier serve` are driven in. Ubuntu has it as a snap only: the tests are skipped there.

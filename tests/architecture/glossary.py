@@ -8,8 +8,9 @@ allowed. The script checks headers, sources, pages of the studio, scripts, and a
 """
 import os
 import re
-import subprocess
 import sys
+
+from project_files import project_files
 
 CHECKED = re.compile(r"^(src|apps|examples|fuzz|bench)/.*\.(h|inl|cpp)$|^(README|CONTRIBUTING)\.md$|^docs/.*\.md$|^models/.*\.md$"
                      r"|^apps/web/client/(src|test)/.*\.tsx?$|^scripts/.*\.(py|sh)$|^(demo|test)$")
@@ -45,12 +46,9 @@ def main():
     rules = given_up(os.path.join(root, "docs", "glossary.md"))
     if not rules:
         sys.exit("docs/glossary.md gives up no word: is its table still of three columns?")
-    listed = subprocess.run(["git", "-C", root, "ls-files"], capture_output=True, text=True, check=False).stdout.split("\n")
-    if listed == [""]:  # not a Git clone
-        listed = [os.path.relpath(os.path.join(folder, name), root) for folder, _, names in os.walk(root) for name in names]
     found = 0
-    for name in sorted(listed):
-        if not CHECKED.search(name) or name in EXEMPT or not os.path.isfile(os.path.join(root, name)):
+    for name in sorted(project_files(root)):
+        if not CHECKED.search(name) or name in EXEMPT:
             continue
         with open(os.path.join(root, name), encoding="utf-8") as file:
             for number, line in enumerate(file, 1):

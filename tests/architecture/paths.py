@@ -8,8 +8,9 @@ of its path ("text/decode.h", "decode.h"), or be relative to the file that names
 """
 import os
 import re
-import subprocess
 import sys
+
+from project_files import project_files
 
 CODE = re.compile(r"^(src|apps|examples|fuzz|bench|tests)/.*\.(h|inl|cpp)$")
 SCRIPT = re.compile(r"\.(py|sh|cmake)$|(^|/)CMakeLists\.txt$|^(demo|test|\.ci/run)$")
@@ -21,15 +22,6 @@ FOLDER = re.compile(r"`((?:src|apps|tests|scripts|docs|bench|fuzz|cmake|packagin
 # Names that are not files of the project: placeholders (NAME.md), library headers, files of an example, a tool of the development data,
 # test names.
 ALLOWED = re.compile(r"^(NAME\.\w+|jpeglib\.h|stays\.py|eval_ar\.py|fuzz/replay)$")
-
-
-def files_of(root):
-    listed = subprocess.run(["git", "-C", root, "ls-files", "--cached", "--others", "--exclude-standard"],
-                            capture_output=True, text=True, check=False).stdout.split("\n")
-    if listed == [""]:  # not a Git clone
-        listed = [os.path.relpath(os.path.join(folder, name), root) for folder, _, names in os.walk(root) for name in names]
-        listed = [name for name in listed if not name.startswith("build/") and "node_modules/" not in name]
-    return {name for name in listed if name and os.path.exists(os.path.join(root, name))}
 
 
 def endings_of(files):
@@ -67,7 +59,7 @@ def comment_of(name, line):
 
 def main():
     root = sys.argv[1] if len(sys.argv) > 1 else "."
-    files = files_of(root)
+    files = set(project_files(root))
     endings = endings_of(files)
     found = looked_at = 0
     for name in sorted(files):
