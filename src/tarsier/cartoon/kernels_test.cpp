@@ -42,6 +42,7 @@ const Kernels* kernels_of(SimdLevel level) {
       return avx2_kernels();
     case SimdLevel::kSse41:
       return sse41_kernels();
+    case SimdLevel::kDotProducts:
     case SimdLevel::kBaseline:
       return baseline_kernels();
   }

@@ -6,6 +6,11 @@
 #include <cstdlib>
 #include <string_view>
 
+#if defined(__aarch64__) && defined(__linux__)
+#include <asm/hwcap.h>
+#include <sys/auxv.h>
+#endif
+
 namespace tarsier {
 namespace {
 
@@ -35,6 +40,8 @@ SimdLevel hardware_simd_level() {
   }
   if (__builtin_cpu_supports("avx2")) return SimdLevel::kAvx2;
   if (__builtin_cpu_supports("sse4.1")) return SimdLevel::kSse41;
+#elif defined(__aarch64__) && defined(__linux__)
+  if ((getauxval(AT_HWCAP) & HWCAP_ASIMDDP) != 0) return SimdLevel::kDotProducts;
 #endif
   return SimdLevel::kBaseline;
 }
@@ -51,6 +58,8 @@ std::string_view name_of(SimdLevel level) {
       return "AVX2";
     case SimdLevel::kSse41:
       return "SSE4.1";
+    case SimdLevel::kDotProducts:
+      return "NEON with dot products";
     case SimdLevel::kBaseline:
       break;
   }

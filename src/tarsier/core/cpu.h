@@ -10,6 +10,7 @@ namespace tarsier {
 enum class SimdLevel {
   // What the compiler's target guarantees (SSE2 on x86-64, NEON on arm64), or plain C++.
   kBaseline,
+  kDotProducts,  // arm64: NEON with dot products of bytes (Cortex-A55, A76 and later: Pi 5)
   kSse41,
   kAvx2,
   kAvx512,  // F, BW, VL and VBMI (Ice Lake and later, Zen 4 and later)

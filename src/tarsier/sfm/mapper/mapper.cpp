@@ -14,6 +14,7 @@
 #include "tarsier/sfm/mapper/growth.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/initial_pair.h"
+#include "tarsier/sfm/mapper/joint_correction.h"
 #include "tarsier/sfm/mapper/model_conflicts.h"
 #include "tarsier/sfm/mapper/model_parts.h"
 #include "tarsier/sfm/mapper/open_loops.h"
@@ -763,6 +764,20 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   // Only for scenes that repeat. Otherwise pairs may disagree for other reasons, e.g. an inexact
   // focal length.
   Reconstruction better = better_of(std::move(result), std::move(*second));
+  try {
+    correct_joints(
+        input.pairs,
+        [&](const std::vector<Pair>& pairs) {
+          Reconstruction made = map(pairs);
+          lower_trust(input.pairs, checkpoint.patch_rejections(), made);
+          return made;
+        },
+        better);
+  } catch (const Interrupted&) {
+    if (!hooks.partial) throw;
+    better.interrupted = true;
+    return better;
+  }
   remove_contradicted_images(input.pairs, better);
   return with_shape_trust(std::move(better));
 }

@@ -75,16 +75,33 @@ class SpanningTree {
     sum_crossing(joints);
   }
 
+  struct Cut {
+    double strength = std::numeric_limits<double>::infinity();
+    int image = -1;  // the root of the part that is cut off; -1: there is no cut
+  };
+
   // The smallest sum over the edges that separate parts of at least `min_part` images, of `all`
   // images.
-  [[nodiscard]] double weakest_cut(int min_part, int all) const {
-    double minimum = std::numeric_limits<double>::infinity();
+  [[nodiscard]] Cut weakest_cut(int min_part, int all) const {
+    Cut weakest;
     for (std::size_t i = 0; i < parents_.size(); ++i) {
-      const bool is_cut = sizes_[i] >= min_part && all - sizes_[i] >= min_part;
+      if (sizes_[i] < min_part || all - sizes_[i] < min_part) continue;
       // A root has no joint: its part is everything, or is separate.
-      if (is_cut) minimum = std::min(minimum, parents_[i] < 0 ? 0 : crossing_[i]);
+      const double strength = parents_[i] < 0 ? 0 : crossing_[i];
+      if (strength < weakest.strength) weakest = {strength, static_cast<int>(i)};
     }
-    return minimum;
+    return weakest;
+  }
+
+  // The images of the subtree of this image.
+  [[nodiscard]] std::vector<int> part_of(int image) const {
+    std::vector<int> part;
+    for (std::size_t i = 0; i < parents_.size(); ++i) {
+      int above = static_cast<int>(i);
+      while (above >= 0 && above != image) above = parents_[at(above)];
+      if (above == image) part.push_back(static_cast<int>(i));
+    }
+    return part;
   }
 
  private:
@@ -174,8 +191,10 @@ ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs) {
            kMaxDistanceRatio *
                std::max(typical_distances[at(pair.first)], typical_distances[at(pair.second)]);
   });
-  shape.weakest_joint = SpanningTree(model.images.size(), std::move(joints))
-                            .weakest_cut(kMinPartImages, statistics_of(model).registered);
+  const SpanningTree tree(model.images.size(), std::move(joints));
+  const SpanningTree::Cut cut = tree.weakest_cut(kMinPartImages, statistics_of(model).registered);
+  shape.weakest_joint = cut.strength;
+  if (cut.image >= 0) shape.weakest_part = tree.part_of(cut.image);
   return shape;
 }
 

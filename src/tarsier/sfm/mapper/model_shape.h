@@ -30,6 +30,7 @@ struct ModelShape {
   // more, over the cuts along a maximum spanning tree. 0 where nothing connects them, infinite
   // where there are no two such parts.
   double weakest_joint = 0;
+  std::vector<int> weakest_part;  // images of one of its two parts
 };
 
 [[nodiscard]] ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs);

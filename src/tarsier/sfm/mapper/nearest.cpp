@@ -2,6 +2,7 @@
 #include "tarsier/sfm/mapper/nearest.h"
 
 #include "tarsier/core/best_kernels.h"
+#include "tarsier/core/cpu.h"
 #include "tarsier/core/require.h"
 
 #include <cstdlib>
@@ -20,6 +21,7 @@ struct Free {
 }  // namespace
 
 const NearestKernel& nearest_kernel() {
+  if (simd_level() == SimdLevel::kDotProducts) return *nearest_dotprod();
   return best_kernels(nearest_baseline, nearest_avx2, nearest_vnni);
 }
 

@@ -48,5 +48,7 @@ struct NearestKernel {
 [[nodiscard]] const NearestKernel* nearest_baseline();
 [[nodiscard]] const NearestKernel* nearest_avx2();
 [[nodiscard]] const NearestKernel* nearest_vnni();  // AVX-512 with VNNI
+// NEON with dot products. Call it only where simd_level() is SimdLevel::kDotProducts.
+[[nodiscard]] const NearestKernel* nearest_dotprod();
 
 }  // namespace tarsier::sfm

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: MIT
 // Included once for each instruction set. The including file defines TARSIER_VECTOR_BYTES (16, 32,
 // 64), TARSIER_TILE_ROWS (rows of a register tile) and TARSIER_NEAREST (the function's name). It
-// also defines TARSIER_BYTE_DOTS (1: products of bytes, four at a time, by vpdpbusd; 0: products of
-// 16 bits, two at a time).
+// also defines TARSIER_BYTE_DOTS (1: one instruction adds four products of bytes to a lane,
+// vpdpbusd or udot; 0: two products, of bytes on arm64, else of 16 bits).
 #include "tarsier/sfm/mapper/nearest.h"
 
 #include <cstring>
 
 #if defined(__x86_64__)
 #include <immintrin.h>
+#elif defined(__aarch64__)
+#include <arm_neon.h>
 #endif
 
 namespace tarsier::sfm {
@@ -19,26 +21,49 @@ constexpr int kLanes = TARSIER_VECTOR_BYTES / 4;
 constexpr int kVectors = 3;
 constexpr int kColumns = kVectors * kLanes;  // columns of a panel of the second rows
 constexpr int kRows = TARSIER_TILE_ROWS;
-#if TARSIER_BYTE_DOTS
+// kGroup: number of products that one lane adds at a time.
+// RowGroup, ColumnGroups: the groups of one row, and of the columns of a vector.
+#if TARSIER_BYTE_DOTS && defined(__aarch64__)
 using Number = std::uint8_t;
-constexpr int kGroup = 4;     // products that one lane adds in one instruction
+constexpr int kGroup = 4;
+constexpr int kOffset = 0;
+using RowGroup = std::uint32_t;
+using ColumnGroups = uint8x16_t;
+#elif TARSIER_BYTE_DOTS
+using Number = std::uint8_t;
+constexpr int kGroup = 4;
 constexpr int kOffset = 128;  // vpdpbusd needs a signed second factor
+using RowGroup = std::int32_t;
+using ColumnGroups = Vector;
+#elif defined(__aarch64__)
+using Number = std::uint8_t;
+constexpr int kGroup = 2;
+constexpr int kOffset = 0;
+using RowGroup = std::uint16_t;
+using ColumnGroups = uint8x8_t;
 #else
 using Number = std::int16_t;
 constexpr int kGroup = 2;
 constexpr int kOffset = 0;
+using RowGroup = std::int32_t;
+using ColumnGroups = Vector;
 #endif
 constexpr std::int32_t kPadding = 1 << 29;  // squared length of padding rows
 
-inline Vector load(const void* p) {
-  Vector v;
-  std::memcpy(&v, p, sizeof v);
-  return v;
+template <class T>
+inline T load_as(const void* p) {
+  T value;
+  std::memcpy(&value, p, sizeof value);
+  return value;
 }
+inline Vector load(const void* p) { return load_as<Vector>(p); }
 
 // Adds the products of one row's group (the same in all lanes) and the columns' groups to `sum`.
-inline Vector add_products(Vector sum, std::int32_t row, Vector columns) {
-#if TARSIER_BYTE_DOTS
+inline Vector add_products(Vector sum, RowGroup row, ColumnGroups columns) {
+#if TARSIER_BYTE_DOTS && defined(__aarch64__)
+  return reinterpret_cast<Vector>(vdotq_u32(reinterpret_cast<uint32x4_t>(sum),
+                                            vreinterpretq_u8_u32(vdupq_n_u32(row)), columns));
+#elif TARSIER_BYTE_DOTS
   return reinterpret_cast<Vector>(_mm512_dpbusd_epi32(
       reinterpret_cast<__m512i>(sum), _mm512_set1_epi32(row), reinterpret_cast<__m512i>(columns)));
 #elif defined(__AVX2__)
@@ -47,6 +72,10 @@ inline Vector add_products(Vector sum, std::int32_t row, Vector columns) {
 #elif defined(__SSE2__)
   return sum + reinterpret_cast<Vector>(
                    _mm_madd_epi16(_mm_set1_epi32(row), reinterpret_cast<__m128i>(columns)));
+#elif defined(__aarch64__)
+  return reinterpret_cast<Vector>(
+      vpadalq_u16(reinterpret_cast<uint32x4_t>(sum),
+                  vmull_u8(vreinterpret_u8_u16(vdup_n_u16(row)), columns)));
 #else
   std::int16_t a[2];
   std::memcpy(a, &row, sizeof a);
@@ -65,6 +94,9 @@ inline unsigned less(Vector value, Vector bound) {
 #elif defined(__SSE2__)
   return static_cast<unsigned>(
       _mm_movemask_ps(reinterpret_cast<__m128>(static_cast<Vector>(value < bound))));
+#elif defined(__aarch64__)
+  constexpr uint32x4_t kBits = {1, 2, 4, 8};
+  return vaddvq_u32(vandq_u32(vcltq_s32(value, bound), kBits));
 #else
   unsigned mask = 0;
   for (int k = 0; k < kLanes; ++k) mask |= static_cast<unsigned>(value[k] < bound[k]) << k;
@@ -167,11 +199,11 @@ inline void tile(int groups, const Number* a, const Number* b, Vector (&sum)[kRo
   const std::ptrdiff_t stride = static_cast<std::ptrdiff_t>(groups) * kGroup;
   Vector result[kRows][kVectors] = {};
   for (int g = 0; g < groups; ++g) {
-    Vector columns[kVectors];
-    for (int v = 0; v < kVectors; ++v) columns[v] = load(b + v * kLanes * kGroup);
+    ColumnGroups columns[kVectors];
+    for (int v = 0; v < kVectors; ++v)
+      columns[v] = load_as<ColumnGroups>(b + v * kLanes * kGroup);
     for (int r = 0; r < kRows; ++r) {
-      std::int32_t row;
-      std::memcpy(&row, a + r * stride, sizeof row);
+      const auto row = load_as<RowGroup>(a + r * stride);
       for (int v = 0; v < kVectors; ++v) result[r][v] = add_products(result[r][v], row, columns[v]);
     }
     a += kGroup;

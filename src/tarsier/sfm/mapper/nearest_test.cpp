@@ -58,6 +58,7 @@ std::vector<std::pair<const char*, const NearestKernel*>> kernels() {
   std::vector<std::pair<const char*, const NearestKernel*>> result{
       {"baseline", nearest_baseline()}};
   const SimdLevel level = hardware_simd_level();
+  if (level == SimdLevel::kDotProducts) result.emplace_back("dotprod", nearest_dotprod());
   if (level >= SimdLevel::kAvx2) result.emplace_back("avx2", nearest_avx2());
   if (level >= SimdLevel::kAvx512 && nearest_vnni() != nullptr)
     result.emplace_back("vnni", nearest_vnni());
