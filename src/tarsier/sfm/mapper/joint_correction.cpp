@@ -21,6 +21,7 @@ namespace {
 
 constexpr int kMaxAttempts = 4;
 constexpr double kEqualScoreRatio = 0.98;
+constexpr double kHigherScoreRatio = 1.1;
 constexpr double kMinJointStrength = 1;
 constexpr int kUncheckedImages = 2;  // images of a model that any poses fit
 
@@ -134,9 +135,11 @@ bool replace_contradicted_joint(const std::vector<Pair>& pairs, const MapPairs& 
   const double score_after = score_with_shapes(attempt, attempt.shapes);
   const double before = excess_of(pairs, made.models);
   const double after = excess_of(pairs, attempt.models);
-  const bool is_better = attempt.models.size() <= made.models.size() &&
-                         agrees_with_any(attempt.models, strongest) &&
-                         score_after >= kEqualScoreRatio * score_before && after < before;
+  const bool is_replaced =
+      attempt.models.size() <= made.models.size() && agrees_with_any(attempt.models, strongest);
+  const bool is_better =
+      after < before &&
+      score_after >= (is_replaced ? kEqualScoreRatio : kHigherScoreRatio) * score_before;
   made.log.push_back(fmt::format(
       "{} and {} (strength {:.2f}) contradict the place of {} images (strength {:.2f}): with the "
       "stronger pairs there are {} models, score {:.1f} instead of {:.1f}, excess {:.2f} instead "

@@ -13,8 +13,9 @@ namespace tarsier::sfm {
 // right. The images are mapped again with the pairs that agree with the models, except those that
 // make the joint:
 // - A joint that stronger pairs contradict (contradicted_joint.h) is replaced by these pairs. The
-//   new models are used if they are not more, agree with the strongest of the pairs, contradict
-//   fewer (ContradictedJoint::excess), and have 0.98 of the score or more.
+//   new models are used if they contradict fewer (ContradictedJoint::excess) and have 0.98 of the
+//   score or more. Where they are more, or do not agree with the strongest of the pairs, they need
+//   1.1 times the score.
 // - A joint weaker than 1 (ModelShape::weakest_joint), the strength of a single pair, is opened.
 //   The new models are used if the score rises.
 // The score is the sum of trust times shape_trust() times n - 2 over models of n images. Shapes are

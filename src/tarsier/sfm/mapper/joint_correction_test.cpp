@@ -101,13 +101,19 @@ TEST_F(ReplacedJoint, PartMovesToItsPlace) {
 
 TEST_F(ReplacedJoint, StaysWhereScoreFallsOrTheModelBreaks) {
   correct_joints(pairs_, maps_to({row(false)}, 0.4), made_);
-  correct_joints(pairs_, maps_to({part_of_row(0, 5), part_of_row(5, 10)}, 0.9), made_);
+  correct_joints(pairs_, maps_to({part_of_row(0, 5), part_of_row(5, 10)}, 0.75), made_);
   EXPECT_EQ(calls_, 2);
   EXPECT_NE(made_.models[0].images[9].pose.translation.x(), -9);
   ASSERT_EQ(made_.refused.size(), 1U);
   EXPECT_EQ(made_.refused[0].reason, "before");
   ASSERT_EQ(made_.log.size(), 2U);
   EXPECT_THAT(made_.log, testing::Each(testing::EndsWith("not used")));
+}
+
+TEST_F(ReplacedJoint, PartsNeedAHigherScore) {
+  correct_joints(pairs_, maps_to({part_of_row(0, 5), part_of_row(5, 10)}, 1), made_);
+  EXPECT_EQ(made_.models.size(), 2U);
+  EXPECT_THAT(made_.log[0], testing::EndsWith(": used"));
 }
 
 TEST_F(ReplacedJoint, InterruptionKeepsTheModel) {
