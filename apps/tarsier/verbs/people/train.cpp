@@ -85,9 +85,6 @@ bool uses_deep_templates(const PeopleTrainFlags& flags) {
 }
 
 ExitStatus train_background(const PeopleTrainFlags& flags, Context& context) {
-  face::people::FaceReader reader = make_face_reader(flags.people);
-  const ListedFaces listed =
-      read_listed_faces(flags.background_list, flags.raw, {}, false, &reader, context);
   face::recognition::BackgroundOptions options;
   options.seed = context.seed;
   if (uses_deep_templates(flags)) {
@@ -95,6 +92,9 @@ ExitStatus train_background(const PeopleTrainFlags& flags, Context& context) {
     // A gallery's own scatter is less reliable than the network's training.
     options.within_weight = 200;
   }
+  face::people::FaceReader reader = make_face_reader(flags.people);
+  const ListedFaces listed =
+      read_listed_faces(flags.background_list, flags.raw, {}, false, &reader, context);
   face::recognition::Background background;
   try {
     background =
@@ -130,17 +130,17 @@ ExitStatus train_list(const PeopleTrainFlags& flags, Context& context) {
   if (!flags.algorithm.empty()) options.algorithm = algorithm_of(flags.algorithm);
   if (uses_deep_templates(flags)) options.algorithm = Algorithm::kDeep;
   const bool classical = !face::recognition::is_whitened(options.algorithm);
+  std::optional<face::recognition::Background> background;
+  if (options.algorithm == Algorithm::kDeep)
+    background = find_deep_background(flags.people);
+  else if (!flags.raw && !classical)
+    background = find_background(flags.people);
   std::optional<face::people::FaceReader> reader;
   if (!flags.raw) reader.emplace(make_face_reader(flags.people));
   const cv::Size size = flags.size.empty() ? cv::Size() : parse_size(flags.size, 8, 1024);
   const ListedFaces listed = read_listed_faces(flags.list, flags.raw, size, classical,
                                                reader ? &*reader : nullptr, context);
   for (const std::string& path : listed.missed) log_warning("{}: no face", path);
-  std::optional<face::recognition::Background> background;
-  if (options.algorithm == Algorithm::kDeep)
-    background = find_deep_background(flags.people);
-  else if (!flags.raw && !classical)
-    background = find_background(flags.people);
   face::recognition::Recognizer model;
   try {
     model = face::recognition::train(listed.faces, listed.labels, options, *context.progress,
