@@ -3,7 +3,6 @@
 
 #include "tarsier/core/at.h"
 #include "tarsier/sfm/mapper/contradicted_joint.h"
-#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/mapper/model_shape.h"
 #include "tarsier/sfm/mapper/pair_agreement.h"
 
@@ -23,7 +22,6 @@ constexpr int kMaxAttempts = 4;
 constexpr double kEqualScoreRatio = 0.98;
 constexpr double kHigherScoreRatio = 1.1;
 constexpr double kMinJointStrength = 1;
-constexpr int kUncheckedImages = 2;  // images of a model that any poses fit
 
 bool agrees_with_any(const std::vector<Model>& models, const Pair& pair) {
   return std::any_of(models.begin(), models.end(), [&](const Model& model) {
@@ -68,11 +66,9 @@ std::vector<ModelShape> shapes_of(const std::vector<Pair>& pairs, const Reconstr
 }
 
 double score_with_shapes(const Reconstruction& made, const std::vector<ModelShape>& shapes) {
-  double sum = 0;
-  for (std::size_t m = 0; m < made.models.size(); ++m)
-    sum += made.trust[m] * shape_trust(shapes[m]) *
-           std::max(0, statistics_of(made.models[m]).registered - kUncheckedImages);
-  return sum;
+  std::vector<double> factors;
+  for (const ModelShape& shape : shapes) factors.push_back(shape_trust(shape));
+  return score_of(made, factors);
 }
 
 // Replaces `made` by an attempt with `used` pairs. Those that were left out before keep their

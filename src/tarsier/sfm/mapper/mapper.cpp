@@ -776,7 +776,6 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   } catch (const Interrupted&) {
     if (!hooks.partial) throw;
     better.interrupted = true;
-    return better;
   }
   remove_contradicted_images(input.pairs, better);
   return with_shape_trust(std::move(better));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_shape.h"
 
-#include "tarsier/sfm/mapper/testing_shown_points.h"
+#include "tarsier/sfm/mapper/testing_row.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,19 +12,6 @@
 
 namespace tarsier::sfm {
 namespace {
-
-// Images in a row with a distance of 1.
-Model row_of(int images) {
-  Model model;
-  model.images.resize(static_cast<std::size_t>(images));
-  for (int i = 0; i < images; ++i) {
-    Image& image = model.images[static_cast<std::size_t>(i)];
-    image.registered = true;
-    image.pose.translation = {-static_cast<double>(i), 0, 0};
-  }
-  show_points(model, {images / 2.0, 0, 8}, 4);
-  return model;
-}
 
 // A pair with the row's relative pose.
 Pair pair_of(int first, int second, std::size_t inliers) {
@@ -56,7 +43,7 @@ void turn_from(int image, double degrees, Model& model) {
 
 TEST(ModelShape, MissesStrongPairsOfSlightlyRotatedPart) {
   const std::vector<Pair> pairs = neighbours(12, 90);
-  Model model = row_of(12);
+  Model model = row_of_images(12);
   EXPECT_THAT(shape_of(model, pairs).missed_pairs, testing::IsEmpty());
   turn_from(6, 10, model);
   const ModelShape shape = shape_of(model, pairs);
@@ -113,7 +100,7 @@ TEST(ModelShape, IgnoresPairsOfDistantPlaces) {
   far.view.second_from_first.translation = {1, 0, 0};
   far.view.inliers = shown_matches(100, 3);
   pairs.push_back(far);
-  EXPECT_THAT(shape_of(row_of(20), pairs).missed_pairs, testing::IsEmpty());
+  EXPECT_THAT(shape_of(row_of_images(20), pairs).missed_pairs, testing::IsEmpty());
   Pair behind = pair_of(3, 5, 100);  // two opposite sides that look alike
   behind.view.second_from_first.rotation = geometry::rotation_by({0, CV_PI / 2, 0});
   behind.view.inliers = shown_matches(100, 3);
@@ -123,10 +110,10 @@ TEST(ModelShape, IgnoresPairsOfDistantPlaces) {
   weak.view.second_from_first.rotation = geometry::rotation_by({0, 0.3, 0});
   weak.view.inliers = shown_matches(60, 3);
   pairs.push_back(weak);
-  EXPECT_THAT(shape_of(row_of(20), pairs).missed_pairs, testing::IsEmpty());
+  EXPECT_THAT(shape_of(row_of_images(20), pairs).missed_pairs, testing::IsEmpty());
   weak.view.inliers = shown_matches(80, 3);
   pairs.push_back(weak);
-  EXPECT_EQ(shape_of(row_of(20), pairs).missed_pairs.size(), 1U);
+  EXPECT_EQ(shape_of(row_of_images(20), pairs).missed_pairs.size(), 1U);
 }
 
 TEST(ModelShape, WeakestJointIsSumOfConnectingStrengths) {
@@ -134,22 +121,22 @@ TEST(ModelShape, WeakestJointIsSumOfConnectingStrengths) {
   for (const int from : {0, 5})
     for (int i = from; i < from + 5; ++i)
       for (int k = i + 1; k < from + 5; ++k) pairs.push_back(pair_of(i, k, 100));
-  EXPECT_EQ(shape_of(row_of(10), pairs).weakest_joint, 0);  // no pair connects them
+  EXPECT_EQ(shape_of(row_of_images(10), pairs).weakest_joint, 0);  // no pair connects them
   pairs.push_back(pair_of(4, 5, 30));
-  EXPECT_NEAR(shape_of(row_of(10), pairs).weakest_joint, 0.3, 1e-9);
+  EXPECT_NEAR(shape_of(row_of_images(10), pairs).weakest_joint, 0.3, 1e-9);
   pairs.push_back(pair_of(3, 6, 40));
-  const ModelShape shape = shape_of(row_of(10), pairs);
+  const ModelShape shape = shape_of(row_of_images(10), pairs);
   EXPECT_NEAR(shape.weakest_joint, 0.7, 1e-9);
   EXPECT_NEAR(shape_trust(shape), 0.35, 1e-9);
   // Two images are too few to count as a part.
   const std::vector<Pair> few{pair_of(0, 1, 100), pair_of(1, 2, 100), pair_of(2, 3, 30),
                               pair_of(3, 4, 100)};
-  EXPECT_TRUE(std::isinf(shape_of(row_of(5), few).weakest_joint));
-  EXPECT_EQ(shape_trust(shape_of(row_of(5), few)), 1);
+  EXPECT_TRUE(std::isinf(shape_of(row_of_images(5), few).weakest_joint));
+  EXPECT_EQ(shape_trust(shape_of(row_of_images(5), few)), 1);
 }
 
 TEST(ModelShape, WellConnectedRowHasFullTrust) {
-  const ModelShape shape = shape_of(row_of(30), neighbours(30, 60));
+  const ModelShape shape = shape_of(row_of_images(30), neighbours(30, 60));
   EXPECT_NEAR(shape.weakest_joint, 1 + 2 * 0.6, 1e-9);
   EXPECT_EQ(shape_trust(shape), 1);
 }

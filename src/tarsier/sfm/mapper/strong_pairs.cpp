@@ -36,16 +36,8 @@ ModelAgreement agreement_with(const Pair& pair, const std::vector<Model>& models
   return result;
 }
 
-// Score of a model, regardless of its shape.
-double score_of(const Reconstruction& reconstruction, std::size_t m) {
-  return reconstruction.trust[m] *
-         std::max(0, statistics_of(reconstruction.models[m]).registered - kUncheckedImages);
-}
-
 double score_without_shapes(const Reconstruction& reconstruction) {
-  double sum = 0;
-  for (std::size_t m = 0; m < reconstruction.models.size(); ++m) sum += score_of(reconstruction, m);
-  return sum;
+  return score_of(reconstruction, std::vector<double>(reconstruction.models.size(), 1));
 }
 
 }  // namespace
@@ -120,10 +112,18 @@ void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchRejectio
 }
 
 double score_of(const Reconstruction& reconstruction) {
+  std::vector<double> factors;
+  for (const ModelShape& shape : reconstruction.shapes)
+    factors.push_back(is_unreliable(shape) ? kUnreliableTrustFactor : 1);
+  return score_of(reconstruction, factors);
+}
+
+double score_of(const Reconstruction& reconstruction, const std::vector<double>& factors) {
   double sum = 0;
   for (std::size_t m = 0; m < reconstruction.models.size(); ++m)
-    sum += score_of(reconstruction, m) *
-           (is_unreliable(reconstruction.shapes[m]) ? kUnreliableTrustFactor : 1);
+    sum += reconstruction.trust[m] *
+           std::max(0, statistics_of(reconstruction.models[m]).registered - kUncheckedImages) *
+           factors[m];
   return sum;
 }
 

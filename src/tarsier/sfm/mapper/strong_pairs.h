@@ -33,6 +33,10 @@ namespace tarsier::sfm {
 // Two matching images always have poses; only further images can contradict them.
 [[nodiscard]] double score_of(const Reconstruction& reconstruction);
 
+// The same sum with a factor for each model in place of the halving.
+[[nodiscard]] double score_of(const Reconstruction& reconstruction,
+                              const std::vector<double>& factors);
+
 // Whether one is at least as good as the other: its score is as high, or this share of it with
 // fewer models.
 [[nodiscard]] bool is_as_good(const Reconstruction& one, const Reconstruction& other,
