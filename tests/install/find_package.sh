@@ -62,7 +62,7 @@ endif()
 CMAKE
 cat >everything/main.cpp <<'CPP'
 #include "tarsier/face/landmarks/model.h"
-#include "tarsier/sfm/mapper/pipeline.h"
+#include "tarsier/sfm/pipelines/pipeline.h"
 #include "tarsier/plate/networks/recognizer.h"
 
 #include <cstdio>

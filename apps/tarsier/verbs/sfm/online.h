@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/media/frame_source.h"
-#include "tarsier/sfm/mapper/pipeline.h"
+#include "tarsier/sfm/pipelines/pipeline.h"
 #include "tarsier/sfm/pipelines/reconstructor.h"
 
 #include "framework/cli.h"

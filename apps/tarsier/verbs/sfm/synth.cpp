@@ -4,7 +4,7 @@
 #include "tarsier/geometry/camera_file.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
-#include "tarsier/sfm/mapper/colmap_database.h"
+#include "tarsier/sfm/pipelines/colmap_database.h"
 #include "tarsier/synth/observed_site.h"
 #include "tarsier/synth/sfm_scene.h"
 

@@ -3,10 +3,10 @@
 
 #include "tarsier/core/at.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/sfm/consistency/model_conflicts.h"
+#include "tarsier/sfm/consistency/pair_agreement.h"
+#include "tarsier/sfm/consistency/trust.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
-#include "tarsier/sfm/mapper/model_conflicts.h"
-#include "tarsier/sfm/mapper/pair_agreement.h"
-#include "tarsier/sfm/mapper/trust.h"
 
 #include <algorithm>
 #include <cstdint>

@@ -2,8 +2,8 @@
 #include "tarsier/sfm/mapper/all_pairs.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/sfm/mapper/model_conflicts.h"
-#include "tarsier/sfm/mapper/testing_prism.h"
+#include "tarsier/sfm/consistency/model_conflicts.h"
+#include "tarsier/sfm/consistency/testing_prism.h"
 
 #include <gtest/gtest.h>
 

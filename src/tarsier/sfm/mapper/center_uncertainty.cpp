@@ -3,10 +3,10 @@
 
 #include "tarsier/core/at.h"
 #include "tarsier/geometry/sim3.h"
-#include "tarsier/sfm/mapper/bundle_problem.h"
-#include "tarsier/sfm/mapper/bundle_solver.h"
+#include "tarsier/sfm/bundle/bundle_problem.h"
+#include "tarsier/sfm/bundle/bundle_solver.h"
+#include "tarsier/sfm/bundle/point_selection.h"
 #include "tarsier/sfm/mapper/mapper.h"
-#include "tarsier/sfm/mapper/point_selection.h"
 
 #include <algorithm>
 #include <cmath>

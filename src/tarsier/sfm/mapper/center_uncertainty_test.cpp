@@ -4,7 +4,7 @@
 #include "tarsier/core/at.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/geometry/sim3.h"
-#include "tarsier/sfm/mapper/bundle.h"
+#include "tarsier/sfm/bundle/bundle.h"
 #include "tarsier/sfm/mapper/mapper.h"
 
 #include <Eigen/Geometry>

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/sfm/consistency/pair_rejection.h"
 #include "tarsier/sfm/mapper/model_join.h"
 #include "tarsier/sfm/mapper/packed_file.h"
-#include "tarsier/sfm/mapper/pair_rejection.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <Eigen/Core>

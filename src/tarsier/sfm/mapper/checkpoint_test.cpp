@@ -2,7 +2,6 @@
 #include "tarsier/sfm/mapper/checkpoint.h"
 
 #include "tarsier/media/testing_folder.h"
-#include "tarsier/sfm/mapper/cache.h"
 #include "tarsier/sfm/scene/testing_model.h"
 
 #include <gtest/gtest.h>
@@ -199,21 +198,6 @@ TEST(Checkpoints, GlobalStartIsRejectedForOtherPairs) {
   bad = good;
   bad.step = 17;
   EXPECT_FALSE(fits_now(bad));
-}
-
-TEST_F(Checkpoint, StoringRemovesThoseOfOtherImages) {
-  const Cache cache(folder_);
-  const std::string first(32, 'a');
-  const std::string other(32, 'b');
-  const std::string again = first + std::string(Cache::kRemappedSuffix);
-  const std::string reevaluated = first + std::string(Cache::kReevaluatedSuffix);
-  for (const std::string& key : {first, again, reevaluated}) cache.store(key, some_state());
-  for (const std::string& key : {first, again, reevaluated})
-    EXPECT_TRUE(cache.checkpoint(key)) << key;
-  cache.store(other, some_state());
-  EXPECT_TRUE(cache.checkpoint(other));
-  for (const std::string& key : {first, again, reevaluated})
-    EXPECT_FALSE(cache.checkpoint(key)) << key;
 }
 
 TEST_F(Checkpoint, DamagedFileIsIgnored) {

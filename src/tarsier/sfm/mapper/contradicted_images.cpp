@@ -2,7 +2,7 @@
 #include "tarsier/sfm/mapper/contradicted_images.h"
 
 #include "tarsier/core/at.h"
-#include "tarsier/sfm/mapper/pair_agreement.h"
+#include "tarsier/sfm/consistency/pair_agreement.h"
 
 #include <fmt/format.h>
 

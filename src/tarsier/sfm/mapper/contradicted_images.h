@@ -2,8 +2,8 @@
 #pragma once
 
 #include "tarsier/sfm/mapper/mapper.h"
-#include "tarsier/sfm/mapper/tracks.h"
 #include "tarsier/sfm/scene/model.h"
+#include "tarsier/sfm/two_view/tracks.h"
 
 #include <cstddef>
 #include <vector>

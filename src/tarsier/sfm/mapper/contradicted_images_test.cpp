@@ -2,7 +2,7 @@
 #include "tarsier/sfm/mapper/contradicted_images.h"
 
 #include "tarsier/core/at.h"
-#include "tarsier/sfm/mapper/testing_prism.h"
+#include "tarsier/sfm/consistency/testing_prism.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -3,10 +3,10 @@
 
 #include "tarsier/core/at.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/sfm/bundle/bundle.h"
 #include "tarsier/sfm/global/positioning.h"
 #include "tarsier/sfm/global/rotation_averaging.h"
 #include "tarsier/sfm/global/view_graph.h"
-#include "tarsier/sfm/mapper/bundle.h"
 
 #include <fmt/format.h>
 

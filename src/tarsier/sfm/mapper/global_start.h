@@ -3,8 +3,8 @@
 
 #include "tarsier/sfm/mapper/checkpoint.h"
 #include "tarsier/sfm/mapper/mapper.h"
-#include "tarsier/sfm/mapper/tracks.h"
 #include "tarsier/sfm/scene/model.h"
+#include "tarsier/sfm/two_view/tracks.h"
 
 #include <functional>
 #include <optional>

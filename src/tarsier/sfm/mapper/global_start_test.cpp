@@ -4,12 +4,12 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/testing_long.h"
 #include "tarsier/geometry/sim3.h"
-#include "tarsier/sfm/mapper/open_loops.h"
+#include "tarsier/sfm/consistency/open_loops.h"
+#include "tarsier/sfm/consistency/repeated_structure.h"
+#include "tarsier/sfm/consistency/trust.h"
 #include "tarsier/sfm/mapper/outcomes.h"
-#include "tarsier/sfm/mapper/repeated_structure.h"
 #include "tarsier/sfm/mapper/testing_centers.h"
 #include "tarsier/sfm/mapper/testing_reconstruction.h"
-#include "tarsier/sfm/mapper/trust.h"
 #include "tarsier/synth/observed_site.h"
 
 #include <gmock/gmock.h>

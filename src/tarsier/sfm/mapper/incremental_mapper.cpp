@@ -6,8 +6,8 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/geometry/opencv_types.h"
-#include "tarsier/sfm/mapper/bundle_residual.h"
-#include "tarsier/sfm/mapper/point_selection.h"
+#include "tarsier/sfm/bundle/bundle_residual.h"
+#include "tarsier/sfm/bundle/point_selection.h"
 
 #include <fmt/format.h>
 #include <opencv2/calib3d.hpp>

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/bundle.h"
+#include "tarsier/sfm/bundle/bundle.h"
 #include "tarsier/sfm/mapper/checkpoint.h"
 #include "tarsier/sfm/mapper/mapper.h"
-#include "tarsier/sfm/mapper/tracks.h"
-#include "tarsier/sfm/mapper/triangulation.h"
+#include "tarsier/sfm/two_view/tracks.h"
+#include "tarsier/sfm/two_view/triangulation.h"
 
 #include <Eigen/Core>
 #include <opencv2/core.hpp>

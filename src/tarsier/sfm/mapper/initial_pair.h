@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/sfm/mapper/mapper.h"
-#include "tarsier/sfm/mapper/tracks.h"
+#include "tarsier/sfm/two_view/tracks.h"
 
 #include <cstddef>
 #include <string>

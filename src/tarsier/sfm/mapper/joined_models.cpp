@@ -3,7 +3,7 @@
 #include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/sfm/mapper/bundle.h"
+#include "tarsier/sfm/bundle/bundle.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/mapper.h"
 #include "tarsier/sfm/mapper/merged_points.h"

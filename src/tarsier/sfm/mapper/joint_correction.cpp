@@ -2,9 +2,9 @@
 #include "tarsier/sfm/mapper/joint_correction.h"
 
 #include "tarsier/core/at.h"
-#include "tarsier/sfm/mapper/contradicted_joint.h"
+#include "tarsier/sfm/consistency/contradicted_joint.h"
+#include "tarsier/sfm/consistency/pair_agreement.h"
 #include "tarsier/sfm/mapper/model_shape.h"
-#include "tarsier/sfm/mapper/pair_agreement.h"
 
 #include <fmt/format.h>
 

@@ -3,7 +3,7 @@
 
 #include "tarsier/sfm/mapper/mapper.h"
 #include "tarsier/sfm/mapper/strong_pairs.h"
-#include "tarsier/sfm/mapper/tracks.h"
+#include "tarsier/sfm/two_view/tracks.h"
 
 #include <vector>
 

@@ -2,7 +2,7 @@
 #include "tarsier/sfm/mapper/joint_correction.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/sfm/mapper/testing_row.h"
+#include "tarsier/sfm/consistency/testing_row.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -4,15 +4,15 @@
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
+#include "tarsier/sfm/consistency/pair_rejection.h"
+#include "tarsier/sfm/consistency/patch_evidence.h"
 #include "tarsier/sfm/mapper/center_uncertainty.h"
 #include "tarsier/sfm/mapper/checkpoint.h"
 #include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/mapper/model_join.h"
 #include "tarsier/sfm/mapper/model_shape.h"
-#include "tarsier/sfm/mapper/pair_rejection.h"
-#include "tarsier/sfm/mapper/patch_evidence.h"
-#include "tarsier/sfm/mapper/tracks.h"
 #include "tarsier/sfm/scene/model.h"
+#include "tarsier/sfm/two_view/tracks.h"
 
 #include <functional>
 #include <optional>

@@ -3,7 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
-#include "tarsier/sfm/mapper/bundle.h"
+#include "tarsier/sfm/bundle/bundle.h"
 #include "tarsier/sfm/mapper/joined_mapper.h"
 #include "tarsier/sfm/mapper/mapper.h"
 #include "tarsier/sfm/mapper/testing_centers.h"

@@ -3,9 +3,9 @@
 
 #include "tarsier/core/at.h"
 #include "tarsier/core/statistics.h"
+#include "tarsier/sfm/consistency/open_loops.h"
+#include "tarsier/sfm/consistency/pair_agreement.h"
 #include "tarsier/sfm/mapper/model_filter.h"
-#include "tarsier/sfm/mapper/open_loops.h"
-#include "tarsier/sfm/mapper/pair_agreement.h"
 
 #include <algorithm>
 #include <cstddef>

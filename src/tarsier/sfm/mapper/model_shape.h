@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/tracks.h"
 #include "tarsier/sfm/scene/model.h"
+#include "tarsier/sfm/two_view/tracks.h"
 
 #include <cstddef>
 #include <vector>

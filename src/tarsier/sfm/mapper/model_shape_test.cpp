@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/model_shape.h"
 
-#include "tarsier/sfm/mapper/testing_row.h"
+#include "tarsier/sfm/consistency/testing_row.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/mapper/outcomes.h"
 
+#include "tarsier/sfm/consistency/trust.h"
 #include "tarsier/sfm/mapper/initial_pair.h"
-#include "tarsier/sfm/mapper/trust.h"
 
 #include <fmt/format.h>
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/sfm/consistency/model_conflicts.h"
+#include "tarsier/sfm/consistency/pair_rejection.h"
+#include "tarsier/sfm/consistency/repeated_structure.h"
 #include "tarsier/sfm/mapper/mapper.h"
-#include "tarsier/sfm/mapper/model_conflicts.h"
-#include "tarsier/sfm/mapper/pair_rejection.h"
-#include "tarsier/sfm/mapper/repeated_structure.h"
 
 #include <memory>
 #include <string>

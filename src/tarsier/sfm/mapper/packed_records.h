@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/features.h"
+#include "tarsier/sfm/features/features.h"
 #include "tarsier/sfm/mapper/packed_file.h"
-#include "tarsier/sfm/mapper/two_view.h"
+#include "tarsier/sfm/two_view/two_view.h"
 
 // Records shared by several kinds of packed files (packed_file.h). The readers throw Damaged for
 // content that no writer produces: numbers that are not finite, lists of wrong length, values out

@@ -2,8 +2,8 @@
 #include "tarsier/sfm/mapper/strong_pairs.h"
 
 #include "tarsier/core/at.h"
-#include "tarsier/sfm/mapper/pair_agreement.h"
-#include "tarsier/sfm/mapper/trust.h"
+#include "tarsier/sfm/consistency/pair_agreement.h"
+#include "tarsier/sfm/consistency/trust.h"
 
 #include <fmt/format.h>
 

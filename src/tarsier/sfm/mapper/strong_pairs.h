@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "tarsier/sfm/consistency/pair_rejection.h"
 #include "tarsier/sfm/mapper/mapper.h"
-#include "tarsier/sfm/mapper/pair_rejection.h"
 
 #include <cstddef>
 #include <functional>

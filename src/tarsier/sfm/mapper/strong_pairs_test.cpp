@@ -2,7 +2,7 @@
 #include "tarsier/sfm/mapper/strong_pairs.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/sfm/mapper/testing_shown_points.h"
+#include "tarsier/sfm/consistency/testing_shown_points.h"
 
 #include <gtest/gtest.h>
 

@@ -3,9 +3,9 @@
 // are merged.
 #include "tarsier/core/at.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/sfm/mapper/feature_grid.h"
+#include "tarsier/sfm/consistency/feature_grid.h"
+#include "tarsier/sfm/features/matching.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
-#include "tarsier/sfm/mapper/matching.h"
 
 #include <algorithm>
 #include <bit>

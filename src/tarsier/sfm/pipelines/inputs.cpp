@@ -8,7 +8,7 @@
 #include "tarsier/media/frame_source.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/still_source.h"
-#include "tarsier/sfm/mapper/colmap_database.h"
+#include "tarsier/sfm/pipelines/colmap_database.h"
 #include "tarsier/sfm/scene/colmap.h"
 
 #include <fmt/format.h>

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/core/progress.h"
-#include "tarsier/sfm/mapper/pipeline.h"
+#include "tarsier/sfm/pipelines/pipeline.h"
 #include "tarsier/sfm/scene/keyframes.h"
 
 #include <stop_token>

@@ -7,8 +7,8 @@
 #include "tarsier/core/statistics.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/media/image_file.h"
-#include "tarsier/sfm/mapper/triangulation.h"
 #include "tarsier/sfm/scene/sensor_image.h"
+#include "tarsier/sfm/two_view/triangulation.h"
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>

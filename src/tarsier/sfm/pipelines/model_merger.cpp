@@ -5,9 +5,9 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/sfm/mapper/image_features.h"
 #include "tarsier/sfm/mapper/joined_mapper.h"
 #include "tarsier/sfm/mapper/model_join.h"
+#include "tarsier/sfm/pipelines/image_features.h"
 #include "tarsier/sfm/scene/colmap.h"
 
 #include <fmt/format.h>

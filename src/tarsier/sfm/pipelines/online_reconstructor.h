@@ -4,7 +4,7 @@
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/core/option_fields.h"
 #include "tarsier/media/frame.h"
-#include "tarsier/sfm/mapper/online.h"
+#include "tarsier/sfm/pipelines/online.h"
 #include "tarsier/sfm/scene/keyframes.h"
 
 #include <opencv2/core.hpp>

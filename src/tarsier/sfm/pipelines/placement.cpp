@@ -7,8 +7,8 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/core/words.h"
 #include "tarsier/media/image_file.h"
-#include "tarsier/sfm/mapper/colmap_database.h"
-#include "tarsier/sfm/mapper/image_features.h"
+#include "tarsier/sfm/pipelines/colmap_database.h"
+#include "tarsier/sfm/pipelines/image_features.h"
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/exif.h"
 

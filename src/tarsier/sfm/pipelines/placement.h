@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/pipeline.h"
 #include "tarsier/sfm/pipelines/marker_scale.h"
+#include "tarsier/sfm/pipelines/pipeline.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <Eigen/Core>

@@ -5,8 +5,8 @@
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/sqlite.h"
 #include "tarsier/media/testing_folder.h"
-#include "tarsier/sfm/mapper/colmap_database.h"
-#include "tarsier/sfm/mapper/testing_colmap_database.h"
+#include "tarsier/sfm/pipelines/colmap_database.h"
+#include "tarsier/sfm/pipelines/testing_colmap_database.h"
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/testing_model.h"
 

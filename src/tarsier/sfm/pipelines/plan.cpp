@@ -10,7 +10,7 @@
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/sha256.h"
-#include "tarsier/sfm/mapper/pairs.h"
+#include "tarsier/sfm/features/pairs.h"
 #include "tarsier/sfm/pipelines/inputs.h"
 #include "tarsier/sfm/pipelines/placement.h"
 #include "tarsier/sfm/scene/colmap.h"

@@ -2,9 +2,9 @@
 #pragma once
 
 #include "tarsier/sfm/mapper/checkpoint.h"
-#include "tarsier/sfm/mapper/image_features.h"
-#include "tarsier/sfm/mapper/tracks.h"
+#include "tarsier/sfm/pipelines/image_features.h"
 #include "tarsier/sfm/pipelines/plan.h"
+#include "tarsier/sfm/two_view/tracks.h"
 
 #include <cstdint>
 #include <span>

@@ -1,4 +1,0 @@
-// SPDX-License-Identifier: MIT
-#define TARSIER_VECTOR_BYTES 16
-#define TARSIER_SIFT sift_baseline
-#include "tarsier/sfm/mapper/sift_kernels.inl"
