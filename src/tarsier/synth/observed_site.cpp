@@ -4,6 +4,7 @@
 #include "tarsier/core/at.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/synth/full_turn.h"
+#include "tarsier/synth/route.h"
 
 #include <Eigen/Geometry>
 
@@ -23,6 +24,8 @@ constexpr double kHalfStreet = 8;     // m
 constexpr double kBlock = 60;         // m
 constexpr double kSegment = 10;       // m, length of a facade section
 constexpr double kFacadeHeight = 12;  // m
+constexpr double kCorner = 8;         // m, of a street before and behind its corners
+constexpr double kTurnLength = 20;    // m of path that count as much as one radian of rotation
 constexpr int kModules = 6;           // facade designs that are repeated
 constexpr int kMinMatches = 30;       // minimum matches of a pair
 constexpr double kMinViewCosine =
@@ -183,11 +186,16 @@ class Site {
       const double s = i * lengths.back() / std::max(1, options_.images - 1);
       const Vector2d c = (position_at(s - 5) + position_at(s) + position_at(s + 5)) / 3;
       const Vector2d ahead = (position_at(s + 8) - position_at(s - 8)).normalized();
-      const Vector2d left(-ahead.y(), ahead.x());
-      const Vector2d view = ahead + 1.2 * left;
-      site_.poses.push_back(
-          pose_at({c.x(), c.y(), rng_.uniform(3, 5)}, {view.x(), view.y(), 0.15}, rng_));
+      add_camera(c, ahead);
     }
+  }
+
+  // Looks ahead and to the left.
+  void add_camera(const Vector2d& at, const Vector2d& ahead) {
+    const Vector2d left(-ahead.y(), ahead.x());
+    const Vector2d view = ahead + 1.2 * left;
+    site_.poses.push_back(
+        pose_at({at.x(), at.y(), rng_.uniform(3, 5)}, {view.x(), view.y(), 0.15}, rng_));
   }
 
   void walk() {
@@ -207,7 +215,12 @@ class Site {
 
   void city() {
     const int streets = std::max(
-        2, static_cast<int>(std::lround(std::sqrt(options_.images * kStep / (2 * kBlock)))));
+        2, static_cast<int>(std::lround(std::sqrt(options_.images * kStep / (3 * kBlock)))));
+    const double last = (streets - 1) * kBlock;
+    const auto add_facade = [&](const Vector2d& from, const Vector2d& to) {
+      const int module = rng_.uniform() < options_.repeats ? rng_.integer(0, kModules - 1) : -1;
+      facade(from, to, module);
+    };
     // The blocks, with one more row around all streets; each has a facade on each side.
     for (int a = 0; a <= streets; ++a) {
       for (int b = 0; b <= streets; ++b) {
@@ -221,30 +234,47 @@ class Site {
             const auto corner = [&](double part) {
               return Vector2d(corners[side] + part * (corners[side + 1] - corners[side]));
             };
-            const int module =
-                rng_.uniform() < options_.repeats ? rng_.integer(0, kModules - 1) : -1;
-            facade(corner(1.0 * k / segments), corner((k + 1.0) / segments), module);
+            add_facade(corner(1.0 * k / segments), corner((k + 1.0) / segments));
           }
         }
       }
     }
-    // All streets in one direction, alternately there and back, then all in the other direction.
-    std::vector<Vector2d> line;
-    const double last = (streets - 1) * kBlock;
-    for (int b = 0; b < streets; ++b) {
-      line.emplace_back(b % 2 == 0 ? 0 : last, b * kBlock);
-      line.emplace_back(b % 2 == 0 ? last : 0, b * kBlock);
+    // Houses close the streets at the border. Otherwise a camera that turns there would look along
+    // an endless street and see hardly anything.
+    for (int k = 0; k < streets; ++k) {
+      for (const double offset : {-kHalfStreet, 0.0}) {
+        const double from = k * kBlock + offset;
+        const double to = from + kHalfStreet;
+        add_facade({to, -kHalfStreet}, {from, -kHalfStreet});
+        add_facade({from, last + kHalfStreet}, {to, last + kHalfStreet});
+        add_facade({-kHalfStreet, from}, {-kHalfStreet, to});
+        add_facade({last + kHalfStreet, to}, {last + kHalfStreet, from});
+      }
     }
+    // All streets in one direction, alternately there and back, then all in the other direction, and
+    // those in the first direction again.
+    std::vector<Vector2d> line;
+    const auto drive_first_direction = [&] {
+      for (int b = 0; b < streets; ++b) {
+        line.emplace_back(b % 2 == 0 ? 0 : last, b * kBlock);
+        line.emplace_back(b % 2 == 0 ? last : 0, b * kBlock);
+      }
+    };
+    drive_first_direction();
     const bool ends_right = (streets - 1) % 2 == 0;
     for (int k = 0; k < streets; ++k) {
       const double x = (ends_right ? streets - 1 - k : k) * kBlock;
       line.emplace_back(x, k % 2 == 0 ? last : 0);
       line.emplace_back(x, k % 2 == 0 ? 0 : last);
     }
+    line.emplace_back(0, line.back().y());
+    drive_first_direction();
     std::vector<Vector2d> distinct;
     for (const Vector2d& p : line)
       if (distinct.empty() || (p - distinct.back()).norm() > 1) distinct.push_back(p);
-    add_cameras_along(distinct);
+    const Route route(distinct, kCorner);
+    for (const double position : route.positions(options_.images, kTurnLength))
+      add_camera(route.at(position), route.ahead(position));
   }
 
   void symmetric() {

@@ -20,7 +20,7 @@ enum class SiteKind {
   kRing,       // one round, looking at a wall inside: a single large loop
   kGrid,       // from the air, straight down, in rows
   kWalk,       // along a winding street, without a loop
-  kCity,       // through all streets of a city of square blocks: many loops
+  kCity,       // through all streets of a city of square blocks, half of them twice: many loops
   kSymmetric,  // around a prism on white, whose sides are alike except for details
 };
 

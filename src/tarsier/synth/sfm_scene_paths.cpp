@@ -2,6 +2,7 @@
 #include "tarsier/synth/sfm_scene_paths.h"
 
 #include "tarsier/core/angles.h"
+#include "tarsier/synth/route.h"
 
 #include <Eigen/Geometry>
 
@@ -17,6 +18,7 @@ constexpr double kLineStep = 0.9;
 constexpr double kLineSpan = 12;
 constexpr double kGridAcross = 2.4;  // units between images of a row
 constexpr double kGridDown = 2;      // units between rows
+constexpr double kAround = 4;        // units of a street that smooth its corners
 constexpr double kTurnLength = 6;    // units of path that count as much as one radian of rotation
 
 // A camera at `center`, with `up` at the top of its image except for `roll` degrees.
@@ -97,45 +99,14 @@ geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, double rin
 
 std::vector<geometry::Rigid3> poses_along(std::span<const Eigen::Vector2d> line, int count,
                                           const Rng& base) {
-  constexpr double kSample = 0.25;  // units
-  // Units of the line before and after a point that smooth its corners.
-  constexpr double kAround = 4;
-  std::vector<double> lengths{0};
-  for (std::size_t k = 1; k < line.size(); ++k)
-    lengths.push_back(lengths.back() + (line[k] - line[k - 1]).norm());
-  const auto on_line = [&](double s) -> Eigen::Vector2d {
-    s = std::clamp(s, 0.0, lengths.back());
-    const auto k = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(
-        std::upper_bound(lengths.begin(), lengths.end(), s) - lengths.begin() - 1, 0,
-        static_cast<std::ptrdiff_t>(line.size()) - 2));
-    return line[k] + (s - lengths[k]) / (lengths[k + 1] - lengths[k]) * (line[k + 1] - line[k]);
-  };
-  const auto ahead_at = [&](double s) -> Eigen::Vector2d {
-    return (on_line(s + kAround) - on_line(s - kAround)).normalized();
-  };
-  // Sum of path length and rotation, at samples of the line.
-  const auto samples = static_cast<std::size_t>(std::ceil(lengths.back() / kSample));
-  std::vector<double> effort{0};
-  for (std::size_t k = 1; k <= samples; ++k) {
-    const double s = lengths.back() * static_cast<double>(k) / static_cast<double>(samples);
-    const double step = lengths.back() / static_cast<double>(samples);
-    const double turn = std::acos(std::clamp(ahead_at(s).dot(ahead_at(s - step)), -1.0, 1.0));
-    effort.push_back(effort.back() + step + kTurnLength * turn);
-  }
+  const Route route(line, kAround);
   std::vector<geometry::Rigid3> poses;
-  for (int i = 0; i < count; ++i) {
-    const double wanted = effort.back() * i / std::max(1, count - 1);
-    const auto k = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(
-        std::upper_bound(effort.begin(), effort.end(), wanted) - effort.begin() - 1, 0,
-        static_cast<std::ptrdiff_t>(samples) - 1));
-    const double part = (wanted - effort[k]) / (effort[k + 1] - effort[k]);
-    const double s =
-        lengths.back() * (static_cast<double>(k) + part) / static_cast<double>(samples);
-    const Eigen::Vector2d at = (on_line(s - kAround) + on_line(s) + on_line(s + kAround)) / 3;
-    const Eigen::Vector2d ahead = ahead_at(s);
+  for (const double s : route.positions(count, kTurnLength)) {
+    const Eigen::Vector2d at = route.at(s);
+    const Eigen::Vector2d ahead = route.ahead(s);
     const Eigen::Vector2d left(-ahead.y(), ahead.x());
     const Eigen::Vector2d view = ahead + 1.2 * left;
-    Rng rng = base.fork(static_cast<std::uint64_t>(i));
+    Rng rng = base.fork(static_cast<std::uint64_t>(poses.size()));
     const Eigen::Vector3d center{at.x() + rng.uniform(-0.15, 0.15),
                                  at.y() + rng.uniform(-0.15, 0.15), rng.uniform(1.8, 2.6)};
     const Eigen::Vector3d aim{view.x() + rng.uniform(-0.06, 0.06),
