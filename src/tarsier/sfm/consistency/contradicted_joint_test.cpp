@@ -17,20 +17,9 @@ constexpr int kPartBegin = 7;
 Model line() { return row_of_images(kLineImages); }
 Model line_with_misplaced_part() { return misplaced_row(kLineImages, kPartBegin); }
 
-// Pairs of each image with the next two.
-std::vector<Pair> true_pairs() {
-  const Model model = line();
-  std::vector<Pair> pairs;
-  for (int i = 0; i + 1 < kLineImages; ++i) {
-    pairs.push_back(pair_of_poses(model, i, i + 1, 100));
-    if (i + 2 < kLineImages) pairs.push_back(pair_of_poses(model, i, i + 2, 80));
-  }
-  return pairs;
-}
-
 TEST(ContradictedJoint, StrongPairsContradictWeakOnes) {
   const Model model = line_with_misplaced_part();
-  std::vector<Pair> pairs = true_pairs();
+  std::vector<Pair> pairs = pairs_of_row(kLineImages);
   pairs.push_back(pair_of_poses(model, 2, 8, 60));
   pairs.push_back(pair_of_poses(model, 2, 9, 50));
   const auto joint = contradicted_joint(model, pairs);
@@ -50,7 +39,7 @@ TEST(ContradictedJoint, StrongPairsContradictWeakOnes) {
 
 TEST(ContradictedJoint, OnlyPairsOfTheSameRotationReplaceIt) {
   const Model model = line_with_misplaced_part();
-  std::vector<Pair> pairs = true_pairs();
+  std::vector<Pair> pairs = pairs_of_row(kLineImages);
   pairs.push_back(pair_of_poses(model, 2, 8, 60));
   Pair other = pair_of_poses(line(), 4, 9, 90);
   other.view.inliers = shown_matches(90, 3);
@@ -64,7 +53,7 @@ TEST(ContradictedJoint, OnlyPairsOfTheSameRotationReplaceIt) {
 
 TEST(ContradictedJoint, WeakerPairsContradictNothing) {
   const Model model = line();
-  std::vector<Pair> pairs = true_pairs();
+  std::vector<Pair> pairs = pairs_of_row(kLineImages);
   EXPECT_FALSE(contradicted_joint(model, pairs));
   // As strong as the weakest of the pairs that connect its images.
   Pair wrong = pair_of_poses(line_with_misplaced_part(), 2, 8, 100);
@@ -75,14 +64,14 @@ TEST(ContradictedJoint, WeakerPairsContradictNothing) {
 
 TEST(ContradictedJoint, FewMatchesContradictNothing) {
   const Model model = line_with_misplaced_part();
-  std::vector<Pair> pairs = true_pairs();
+  std::vector<Pair> pairs = pairs_of_row(kLineImages);
   pairs.push_back(pair_of_poses(model, 2, 8, 60));
   for (Pair& pair : pairs) pair.view.inliers = shown_matches(pair.view.inliers.size() / 4);
   EXPECT_FALSE(contradicted_joint(model, pairs));
 }
 
 TEST(ContradictedJoint, PartsThatNothingConnectsHaveNone) {
-  EXPECT_FALSE(contradicted_joint(line_with_misplaced_part(), true_pairs()));
+  EXPECT_FALSE(contradicted_joint(line_with_misplaced_part(), pairs_of_row(kLineImages)));
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include "tarsier/sfm/two_view/tracks.h"
 
 #include <cstddef>
+#include <vector>
 
 namespace tarsier::sfm {
 
@@ -41,6 +42,17 @@ inline Pair pair_of_poses(const Model& model, int first, int second, std::size_t
   pair.view.second_from_first =
       model.images[at(second)].pose * model.images[at(first)].pose.inverse();
   return pair;
+}
+
+// The pairs of each image of the row with the next two, of 100 and 80 inliers.
+inline std::vector<Pair> pairs_of_row(int images) {
+  const Model model = row_of_images(images);
+  std::vector<Pair> pairs;
+  for (int i = 0; i + 1 < images; ++i) {
+    pairs.push_back(pair_of_poses(model, i, i + 1, 100));
+    if (i + 2 < images) pairs.push_back(pair_of_poses(model, i, i + 2, 80));
+  }
+  return pairs;
 }
 
 }  // namespace tarsier::sfm

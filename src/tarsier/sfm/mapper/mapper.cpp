@@ -88,7 +88,7 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   }
   // Only for scenes that repeat. Otherwise pairs may disagree for other reasons, e.g. an inexact
   // focal length.
-  Reconstruction better = better_of(std::move(result), std::move(*second));
+  Reconstruction better = better_of(input.pairs, std::move(result), std::move(*second));
   try {
     correct_joints(
         input.pairs,

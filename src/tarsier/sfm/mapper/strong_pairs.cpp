@@ -2,6 +2,7 @@
 #include "tarsier/sfm/mapper/strong_pairs.h"
 
 #include "tarsier/core/at.h"
+#include "tarsier/sfm/consistency/joined_parts.h"
 #include "tarsier/sfm/consistency/pair_agreement.h"
 #include "tarsier/sfm/consistency/trust.h"
 
@@ -19,6 +20,7 @@ constexpr double kInlierRatios[] = {0.9, 0.8, 0.6, 0};  // of the inliers of the
 constexpr int kUncheckedImages = 2;                     // images of a model that any poses fit
 // factor of a score: parts contradict themselves less than a whole
 constexpr double kEqualScoreRatio = 0.9;
+constexpr double kJoinedScoreRatio = 0.8;  // the same, where a whole has the models of the parts
 
 // The agreement of models that contain both images of a pair.
 struct ModelAgreement {
@@ -38,6 +40,13 @@ ModelAgreement agreement_with(const Pair& pair, const std::vector<Model>& models
 
 double score_without_shapes(const Reconstruction& reconstruction) {
   return score_of(reconstruction, std::vector<double>(reconstruction.models.size(), 1));
+}
+
+// Whether `whole` joins the models of `parts` at nearly the same score.
+bool is_joined(const Reconstruction& whole, const Reconstruction& parts,
+               const std::vector<Pair>& pairs) {
+  return score_of(whole) >= kJoinedScoreRatio * score_of(parts) &&
+         joins_parts(whole.models, parts.models, pairs);
 }
 
 }  // namespace
@@ -132,10 +141,12 @@ bool is_as_good(const Reconstruction& one, const Reconstruction& other, double m
   return score_of(one) >= share * score_of(other);
 }
 
-Reconstruction better_of(Reconstruction first, Reconstruction second) {
+Reconstruction better_of(const std::vector<Pair>& pairs, Reconstruction first,
+                         Reconstruction second) {
   const double before = score_of(first);
   const double after = score_of(second);
-  const bool is_better = after > before;
+  const bool is_better =
+      is_joined(second, first, pairs) || (after > before && !is_joined(first, second, pairs));
   std::vector<std::string> log = std::move(first.log);
   log.insert(log.end(), second.log.begin(), second.log.end());
   log.push_back(
@@ -172,17 +183,19 @@ Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,
                     "models, score {:.1f}",
                     share, attempt.models.size(), score_of(attempt)));
     const double score = score_without_shapes(attempt);
-    if (score < min_score_ratio * last) break;
-    last = std::max(last, score);
+    const bool is_joining = is_joined(attempt, best, pairs);
+    if (!is_joining && score < min_score_ratio * last) break;
+    last = is_joining ? score : std::max(last, score);
     remaining = without_contradicted(remaining, attempt.models);
-    if (!is_as_good(attempt, best, min_score_ratio)) continue;
+    if (!is_joining && !is_as_good(attempt, best, min_score_ratio)) continue;
     best = std::move(attempt);
     used = std::move(strong);
   }
   std::vector<Pair> supported =
       with_supported(used, without_contradicted(pairs, best.models), best.models);
   Reconstruction all = map(supported);
-  if (score_of(all) >= score_of(best)) {
+  if (is_joined(all, best, pairs) ||
+      (score_of(all) >= score_of(best) && !is_joined(best, all, pairs))) {
     best = std::move(all);
     used = std::move(supported);
   }

@@ -42,8 +42,10 @@ namespace tarsier::sfm {
 [[nodiscard]] bool is_as_good(const Reconstruction& one, const Reconstruction& other,
                               double min_score_ratio);
 
-// The one with the higher score; the first of equal ones. Its log reports both.
-[[nodiscard]] Reconstruction better_of(Reconstruction first, Reconstruction second);
+// The one that joins the models of the other (joined_parts.h) and has 0.8 of its score, or else the
+// one with the higher score; the first of equal ones. Its log reports both.
+[[nodiscard]] Reconstruction better_of(const std::vector<Pair>& pairs, Reconstruction first,
+                                       Reconstruction second);
 
 // Lowers the trust of images, and so of models, by the share of pairs whose patches differ among
 // those that agree with a model. Nothing changes where only few patches could be compared, as for
@@ -58,8 +60,9 @@ using MapPairs = std::function<Reconstruction(const std::vector<Pair>& pairs)>;
 // Each time, pairs that earlier models contradict are left out. Continues while the score without
 // shapes does not fall. Where patches distinguish places, the score may fall by a tenth, and a
 // score lower by a tenth in fewer models counts as equal: parts contradict themselves less than a
-// whole. At the end, weaker pairs that agree with the best models are added. `rejections`: pairs
-// that are left out until then, with the reason, as from rejections_by_patches()
+// whole. An attempt that joins the models of the best one (joined_parts.h) needs 0.8 of its score.
+// At the end, weaker pairs that agree with the best models are added. `rejections`: pairs that are
+// left out until then, with the reason, as from rejections_by_patches()
 // (patch_evidence.h). Unused pairs are in `refused`. Calls `map` up to five times and passes its
 // exceptions on.
 [[nodiscard]] Reconstruction map_strong_pairs_first(const std::vector<Pair>& pairs,

@@ -2,7 +2,7 @@
 #include "tarsier/sfm/mapper/strong_pairs.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/sfm/consistency/testing_shown_points.h"
+#include "tarsier/sfm/consistency/testing_row.h"
 
 #include <gtest/gtest.h>
 
@@ -195,6 +195,36 @@ TEST(StrongPairs, WholeModelIsAsGoodAsPartsOfSimilarScore) {
   EXPECT_FALSE(is_as_good(parts, made_of({14}, 0.51), 0.9));
 }
 
+// The models of a whole have a lower trust than parts, which do not see the places that look alike.
+TEST(StrongPairs, PrefersTheWholeToItsParts) {
+  constexpr int kImages = 12;
+  constexpr int kHalf = 6;
+  const Model row = row_of_images(kImages);
+  std::vector<Pair> pairs;
+  for (int i = 0; i + 1 < kImages; ++i) pairs.push_back(pair_of_poses(row, i, i + 1, 100));
+  const auto of_row = [&](int begin, int end, double trust, Reconstruction& made) {
+    made.models.push_back(row);
+    made.trust.push_back(trust);
+    made.shapes.emplace_back();
+    for (int i = 0; i < kImages; ++i)
+      made.models.back().images[at(i)].registered = i >= begin && i < end;
+  };
+  Reconstruction parts;
+  of_row(0, kHalf, 1, parts);
+  of_row(kHalf, kImages, 1, parts);  // score 8
+  for (const double trust : {0.66, 0.62}) {
+    Reconstruction whole;
+    of_row(0, kImages, trust, whole);  // score 6.6, or 6.2
+    int calls = 0;
+    const Reconstruction made = map_strong_pairs_first(
+        pairs, std::vector<PatchRejection>(pairs.size()), kImages,
+        [&](const std::vector<Pair>&) { return calls++ == 0 ? parts : whole; });
+    EXPECT_EQ(made.models.size(), trust > 0.64 ? 1U : 2U);
+    EXPECT_EQ(better_of(pairs, parts, whole).models.size(), trust > 0.64 ? 1U : 2U);
+    EXPECT_EQ(better_of(pairs, whole, parts).models.size(), trust > 0.64 ? 1U : 2U);
+  }
+}
+
 TEST(StrongPairs, PropagatesInterruptionAndKeepsBetterModel) {
   const MapPairs interrupted = [](const std::vector<Pair>&) -> Reconstruction {
     throw Interrupted();
@@ -206,11 +236,11 @@ TEST(StrongPairs, PropagatesInterruptionAndKeepsBetterModel) {
   first.resumed = 3;
   first.log = {"a"};
   const Reconstruction second = mapper({});
-  const Reconstruction kept = better_of(first, second);
+  const Reconstruction kept = better_of({}, first, second);
   EXPECT_EQ(kept.trust[0], 0.6);
   EXPECT_EQ(kept.resumed, 3);
   EXPECT_EQ(kept.log[0], "a");
-  EXPECT_EQ(better_of(second, first).trust[0], 0.6);
+  EXPECT_EQ(better_of({}, second, first).trust[0], 0.6);
 }
 
 }  // namespace

@@ -117,7 +117,7 @@ Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bo
   try {
     if (take(kMinRemapChange, "the images are mapped again with it")) {
       Reconstruction second = map(MappingRound::kRemap);
-      if (!second.interrupted) return better_of(std::move(made), std::move(second));
+      if (!second.interrupted) return better_of(pairs, std::move(made), std::move(second));
       made.interrupted = true;
     } else if (take(kMinReevaluateChange, "the pairs are evaluated again with it")) {
       Reconstruction reevaluated = map(MappingRound::kReevaluate);
