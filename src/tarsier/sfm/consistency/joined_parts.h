@@ -12,8 +12,8 @@ namespace tarsier::sfm {
 // contradicts. Models of all images contradict more pairs than their parts do, because parts of a
 // scene that repeats look alike; so their trust cannot decide between them. All of these hold:
 // - A model of `whole` has 0.95 of the images of each part of five images or more, and the part has
-//   the same shape there: the best similarity moves 0.95 of its images by at most 1 % of
-//   its extent, and turns them by at most 3 degrees.
+//   the same shape there: a similarity moves 0.95 of its images by at most 1 % of its extent, and
+//   turns them by at most 3 degrees.
 // - Pairs between different parts that agree with the whole (pair_agreement.h) connect all parts of
 //   one model. No contradicted pair of 30 inliers or more between two parts is stronger than the
 //   weakest of the agreeing pairs that connect these two (contradicted_joint.h defines strength and
