@@ -170,26 +170,6 @@ class Site {
     }
   }
 
-  // Cameras along a line on the ground, looking ahead and to the left.
-  void add_cameras_along(const std::vector<Vector2d>& line) {
-    std::vector<double> lengths{0};
-    for (std::size_t k = 1; k < line.size(); ++k)
-      lengths.push_back(lengths.back() + (line[k] - line[k - 1]).norm());
-    const auto position_at = [&](double s) -> Vector2d {
-      s = std::clamp(s, 0.0, lengths.back());
-      const auto k = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(
-          std::upper_bound(lengths.begin(), lengths.end(), s) - lengths.begin() - 1, 0,
-          static_cast<std::ptrdiff_t>(line.size()) - 2));
-      return line[k] + (s - lengths[k]) / (lengths[k + 1] - lengths[k]) * (line[k + 1] - line[k]);
-    };
-    for (int i = 0; i < options_.images; ++i) {
-      const double s = i * lengths.back() / std::max(1, options_.images - 1);
-      const Vector2d c = (position_at(s - 5) + position_at(s) + position_at(s + 5)) / 3;
-      const Vector2d ahead = (position_at(s + 8) - position_at(s - 8)).normalized();
-      add_camera(c, ahead);
-    }
-  }
-
   // Looks ahead and to the left.
   void add_camera(const Vector2d& at, const Vector2d& ahead) {
     const Vector2d left(-ahead.y(), ahead.x());
@@ -210,7 +190,11 @@ class Site {
     const Vector2d ahead = line.back() - line[line.size() - 2];
     for (int k = 0; k < kSegmentsAhead; ++k) street.push_back(street.back() + ahead);
     facades(street, 1);
-    add_cameras_along(line);
+    const Route route(line, 5, kCorner);
+    for (int i = 0; i < options_.images; ++i) {
+      const double position = i * route.length() / std::max(1, options_.images - 1);
+      add_camera(route.at(position), route.ahead(position));
+    }
   }
 
   void city() {
@@ -272,7 +256,7 @@ class Site {
     std::vector<Vector2d> distinct;
     for (const Vector2d& p : line)
       if (distinct.empty() || (p - distinct.back()).norm() > 1) distinct.push_back(p);
-    const Route route(distinct, kCorner);
+    const Route route(distinct, kCorner, kCorner);
     for (const double position : route.positions(options_.images, kTurnLength))
       add_camera(route.at(position), route.ahead(position));
   }

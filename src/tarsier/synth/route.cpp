@@ -9,8 +9,11 @@ namespace tarsier::synth {
 
 using Eigen::Vector2d;
 
-Route::Route(std::span<const Vector2d> line, double smoothing)
-    : line_(line.begin(), line.end()), lengths_{0}, smoothing_(smoothing) {
+Route::Route(std::span<const Vector2d> line, double place_smoothing, double direction_smoothing)
+    : line_(line.begin(), line.end()),
+      lengths_{0},
+      place_smoothing_(place_smoothing),
+      direction_smoothing_(direction_smoothing) {
   for (std::size_t k = 1; k < line_.size(); ++k)
     lengths_.push_back(lengths_.back() + (line_[k] - line_[k - 1]).norm());
 }
@@ -24,11 +27,14 @@ Vector2d Route::on_line(double position) const {
 }
 
 Vector2d Route::at(double position) const {
-  return (on_line(position - smoothing_) + on_line(position) + on_line(position + smoothing_)) / 3;
+  return (on_line(position - place_smoothing_) + on_line(position) +
+          on_line(position + place_smoothing_)) /
+         3;
 }
 
 Vector2d Route::ahead(double position) const {
-  return (on_line(position + smoothing_) - on_line(position - smoothing_)).normalized();
+  return (on_line(position + direction_smoothing_) - on_line(position - direction_smoothing_))
+      .normalized();
 }
 
 std::vector<double> Route::positions(int count, double turn_length) const {

@@ -12,9 +12,9 @@ namespace tarsier::synth {
 // length of the line from its start to there. Internal to this module.
 class Route {
  public:
-  // `smoothing`: length before and behind a position over which its place and direction are
-  // averaged; > 0. The line has at least two different points.
-  Route(std::span<const Eigen::Vector2d> line, double smoothing);
+  // Lengths before and behind a position over which its place and its direction are averaged; > 0.
+  // The line has at least two different points.
+  Route(std::span<const Eigen::Vector2d> line, double place_smoothing, double direction_smoothing);
 
   [[nodiscard]] double length() const { return lengths_.back(); }
   [[nodiscard]] Eigen::Vector2d at(double position) const;
@@ -29,7 +29,8 @@ class Route {
 
   std::vector<Eigen::Vector2d> line_;
   std::vector<double> lengths_;  // position of each point of the line
-  double smoothing_;
+  double place_smoothing_;
+  double direction_smoothing_;
 };
 
 }  // namespace tarsier::synth

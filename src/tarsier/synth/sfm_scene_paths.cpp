@@ -99,7 +99,7 @@ geometry::Rigid3 make_pose(Trajectory trajectory, bool pure_rotation, double rin
 
 std::vector<geometry::Rigid3> poses_along(std::span<const Eigen::Vector2d> line, int count,
                                           const Rng& base) {
-  const Route route(line, kAround);
+  const Route route(line, kAround, kAround);
   std::vector<geometry::Rigid3> poses;
   for (const double s : route.positions(count, kTurnLength)) {
     const Eigen::Vector2d at = route.at(s);

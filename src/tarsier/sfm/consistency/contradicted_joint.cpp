@@ -89,9 +89,7 @@ std::optional<ContradictedJoint> contradicted_joint(const Model& model,
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     const Pair& pair = pairs[k];
     if (!is_registered(model, pair)) continue;
-    const std::size_t of_either = std::max(strongest[at(pair.first)], strongest[at(pair.second)]);
-    const WeighedPair weighed{
-        k, static_cast<double>(pair.view.inliers.size()) / static_cast<double>(of_either)};
+    const WeighedPair weighed{k, strength_of(pair, strongest)};
     if (agrees(model, pair))
       agreeing.push_back(weighed);
     else if (pair.view.inliers.size() >= kMinInliers)

@@ -12,12 +12,11 @@ namespace tarsier::sfm {
 
 // A joint of a model that stronger pairs contradict.
 //
-// The strength of a pair is its number of inliers, divided by that of the strongest pair of its two
-// images. The bottleneck of two images is the largest strength such that agreeing pairs of at least
-// this strength connect them (pair_agreement.h): the weakest edge on their path in the maximum
-// spanning tree. An image has most in common with its true neighbours. If a contradicted pair is
-// stronger than the bottleneck of its two images, then weaker evidence has placed one of the two
-// parts that this bottleneck joins.
+// The bottleneck of two images is the largest strength (strength_of()) such that agreeing pairs of
+// at least this strength connect them (pair_agreement.h): the weakest edge on their path in the
+// maximum spanning tree. An image has most in common with its true neighbours. If a contradicted
+// pair is stronger than the bottleneck of its two images, then weaker evidence has placed one of
+// the two parts that this bottleneck joins.
 struct ContradictedJoint {
   std::size_t pair = 0;   // index of the contradicted pair that exceeds its bottleneck most
   double strength = 0;    // of that pair

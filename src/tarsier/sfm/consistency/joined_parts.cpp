@@ -95,10 +95,7 @@ std::vector<RatedPair> pairs_between(const Model& model, const std::vector<int>&
   for (const Pair& pair : pairs) {
     if (!is_registered(model, pair) || node_of[at(pair.first)] == node_of[at(pair.second)])
       continue;
-    const std::size_t of_either = std::max(strongest[at(pair.first)], strongest[at(pair.second)]);
-    between.push_back(
-        {&pair, static_cast<double>(pair.view.inliers.size()) / static_cast<double>(of_either),
-         agrees(model, pair)});
+    between.push_back({&pair, strength_of(pair, strongest), agrees(model, pair)});
   }
   std::stable_sort(between.begin(), between.end(), [](const RatedPair& a, const RatedPair& b) {
     return a.strength != b.strength ? a.strength > b.strength : a.agrees && !b.agrees;

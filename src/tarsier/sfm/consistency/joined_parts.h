@@ -16,8 +16,7 @@ namespace tarsier::sfm {
 //   turns them by at most 3 degrees.
 // - Pairs between different parts that agree with the whole (pair_agreement.h) connect all parts of
 //   one model. No contradicted pair of 30 inliers or more between two parts is stronger than the
-//   weakest of the agreeing pairs that connect these two (contradicted_joint.h defines strength and
-//   bottleneck).
+//   weakest of the agreeing pairs that connect these two (strength_of()).
 [[nodiscard]] bool joins_parts(const std::vector<Model>& whole, const std::vector<Model>& parts,
                                const std::vector<Pair>& pairs);
 

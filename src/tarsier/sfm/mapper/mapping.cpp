@@ -363,7 +363,8 @@ class Mapping {
     global_start_.reset();
   }
 
-  // Finds a start among the remaining images; false: there is none.
+  // Begins a model of the remaining images, globally or from an initial pair; false: no pair can
+  // begin one.
   bool begin_model() {
     if (input_.start) return result_.models.empty() && begin_with_start();
     Components components = this->components();

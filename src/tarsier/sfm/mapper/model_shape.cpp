@@ -169,8 +169,7 @@ ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs) {
     if (inliers == 0 || !model.images[at(pair.first)].registered ||
         !model.images[at(pair.second)].registered)
       continue;
-    const std::size_t of_either = std::max(strongest[at(pair.first)], strongest[at(pair.second)]);
-    const double strength = static_cast<double>(inliers) / static_cast<double>(of_either);
+    const double strength = strength_of(pair, strongest);
     if (agrees(model, pair)) {
       joints.push_back({pair.first, pair.second, strength});
       for (const int image : {pair.first, pair.second})

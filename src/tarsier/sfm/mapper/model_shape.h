@@ -11,9 +11,7 @@ namespace tarsier::sfm {
 
 // Evidence against the shape of a whole model, where each image agrees with its neighbours.
 //
-// The strength of a pair is its number of inliers, divided by that of the strongest pair of its two
-// images: an image has most in common with its true neighbours. pair_agreement.h defines agreement
-// with a model.
+// tracks.h defines the strength of a pair, and pair_agreement.h its agreement with a model.
 struct ModelShape {
   struct MissedPair {
     std::size_t pair = 0;  // index of the pair

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/sfm/two_view/tracks.h"
 
+#include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 
 #include <algorithm>
@@ -82,6 +83,11 @@ std::vector<std::size_t> max_inliers_of_images(const std::vector<Pair>& pairs, s
       most = std::max(most, pair.view.inliers.size());
     }
   return strongest;
+}
+
+double strength_of(const Pair& pair, const std::vector<std::size_t>& max_inliers) {
+  return static_cast<double>(pair.view.inliers.size()) /
+         static_cast<double>(std::max(max_inliers[at(pair.first)], max_inliers[at(pair.second)]));
 }
 
 std::vector<std::vector<Observation>> make_tracks(const std::vector<Pair>& pairs,

@@ -21,6 +21,10 @@ struct Pair {
 [[nodiscard]] std::vector<std::size_t> max_inliers_of_images(const std::vector<Pair>& pairs,
                                                              std::size_t images);
 
+// The strength of a pair, 0 to 1: its number of inliers, divided by that of the strongest pair of its
+// two images (max_inliers_of_images()). An image has most in common with its true neighbours.
+[[nodiscard]] double strength_of(const Pair& pair, const std::vector<std::size_t>& max_inliers);
+
 // Joins matches to tracks: union-find over features, the most reliable pairs first. A join that
 // would put two features of one image into a track is refused, so that a wrong match costs one link
 // and not the track. Returns tracks of two images or more, longest first, then by their first
