@@ -10,6 +10,7 @@
 #include "tarsier/sfm/bundle/bundle_cost.h"
 #include "tarsier/sfm/bundle/bundle_equations.h"
 #include "tarsier/sfm/bundle/bundle_residual.h"
+#include "tarsier/sfm/bundle/local_damping.h"
 #include "tarsier/sfm/bundle/schur_kernel.h"
 
 #include <Eigen/Cholesky>
@@ -58,7 +59,11 @@ using Eigen::VectorXd;
 class Solver {
  public:
   Solver(BundleProblem& problem, const BundleSolverOptions& options, const std::stop_token& stop)
-      : problem_(problem), options_(options), stop_(stop), variables_(problem) {
+      : problem_(problem),
+        options_(options),
+        stop_(stop),
+        variables_(problem),
+        local_damping_(variables_.poses) {
     is_sparse_ = options_.system == CameraSystem::kSparse ||
                  (options_.system == CameraSystem::kAutomatic && variables_.poses > kMaxDensePoses);
     cut_into_stripes();
@@ -74,7 +79,8 @@ class Solver {
       return solution;
     }
     double damping = kFirstDamping;
-    double growth = 2;  // of the damping, at the next failed step (Nielsen, 1999)
+    double growth = 2;                    // of the damping, at the next failed step (Nielsen, 1999)
+    bool has_low_damping_failed = false;  // since the last change that was not small
     bool is_linearized = false;
     while (solution.iterations < options_.max_iterations &&
            variables_.size + variables_.moving_points > 0) {
@@ -96,6 +102,8 @@ class Solver {
           is_linearized = false;
           continue;
         }
+        if (damping <= kMaxFinalDamping) has_low_damping_failed = true;
+        if (next && damp_locally(now, *next)) continue;
         damping *= growth;
         growth *= 2;
         if (damping > kMaxDamping) break;
@@ -111,9 +119,14 @@ class Solver {
       if (gain < kMaxSecondOrderGain) uses_second_order_ = variables_.poses > kChainPoses;
       damping = std::max(kMinDamping, damping * std::max(1.0 / 9, 1 - std::pow(2 * gain - 1, 3)));
       growth = 2;
+      local_damping_.lower();
       if (is_done) {
-        if (variables_.poses <= kChainPoses || damping <= kMaxFinalDamping) break;
+        if (variables_.poses <= kChainPoses || damping <= kMaxFinalDamping ||
+            has_low_damping_failed)
+          break;
         damping = std::max(kMaxFinalDamping, kDampingReduction * damping);
+      } else {
+        has_low_damping_failed = false;
       }
     }
     throw_if_stopped(stop_);
@@ -186,6 +199,21 @@ class Solver {
     return next;
   }
 
+  // Damps only the poses at which the cost of a failed step rises; false where that is no help.
+  bool damp_locally(const Candidate& now, const Candidate& failed) {
+    if (variables_.poses <= kChainPoses || !std::isfinite(failed.sum)) return false;
+    std::vector<double> rises(at(variables_.poses), 0);
+    for (std::size_t p = 0; p < problem_.points.size(); ++p) {
+      const double rise = (failed.costs.point_costs[p] - now.costs.point_costs[p]) /
+                          static_cast<double>(problem_.first[p + 1] - problem_.first[p]);
+      for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
+        const int variable = variables_.pose_variable[at(problem_.measurements[k].pose)];
+        if (variable >= 0) rises[at(variable)] += rise;
+      }
+    }
+    return local_damping_.raise(rises);
+  }
+
   // The step with the second order of its path, if that improves, else without. Where a few points
   // move far, their second order misleads all cameras.
   Candidate best_of(const Candidate& now, const BundleStep& step, double predicted_gain) {
@@ -209,6 +237,11 @@ class Solver {
     return damping * std::max(diagonal, 1e-9);
   }
 
+  // The damping of a variable, share of the diagonal.
+  [[nodiscard]] double damping_of(int variable, double damping) const {
+    return variable < variables_.poses ? damping + local_damping_.of(variable) : damping;
+  }
+
   // False where the equations cannot be solved. `predicted_gain`: predicted reduction of the cost.
   bool solve_step(double damping, BundleStep& step, double& predicted_gain) {
     reduced_.assign(variables_.block_values, 0.0);
@@ -222,7 +255,7 @@ class Solver {
     for (int v = 0; v < variables_.count; ++v)
       for (int k = 0; k < variables_.size_of(v); ++k)
         reduced_[variables_.diagonal_offset(v) + at(k * (variables_.size_of(v) + 1))] +=
-            damped(damping, equations_.scale[variables_.offset_of(v) + k]);
+            damped(damping_of(v, damping), equations_.scale[variables_.offset_of(v) + k]);
     VectorXd& moved = step.variables;
     moved = -equations_.gradient;
     const std::size_t points = problem_.points.size();
@@ -232,9 +265,13 @@ class Solver {
     if (!solve_cameras(moved) || !moved.allFinite()) return false;
     solve_points(equations_.point_gradient, step);
     predicted_gain = 0;
-    for (Eigen::Index k = 0; k < variables_.size; ++k)
-      predicted_gain +=
-          moved[k] * (damped(damping, equations_.scale[k]) * moved[k] - equations_.gradient[k]);
+    for (int v = 0; v < variables_.count; ++v) {
+      const int first = variables_.offset_of(v);
+      for (int k = first; k < first + variables_.size_of(v); ++k)
+        predicted_gain +=
+            moved[k] * (damped(damping_of(v, damping), equations_.scale[k]) * moved[k] -
+                        equations_.gradient[k]);
+    }
     for (std::size_t p = 0; p < points; ++p)
       for (int k = 0; k < 3; ++k)
         predicted_gain += step.points[p][k] *
@@ -440,6 +477,7 @@ class Solver {
   const BundleSolverOptions& options_;
   const std::stop_token& stop_;
   const BundleVariables variables_;
+  LocalDamping local_damping_;  // of moving poses
   NormalEquations equations_;
   bool is_sparse_ = false;
   bool uses_second_order_ = false;  // steps use the second order
