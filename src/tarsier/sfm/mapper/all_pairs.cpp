@@ -7,6 +7,7 @@
 #include "tarsier/sfm/consistency/pair_agreement.h"
 #include "tarsier/sfm/consistency/trust.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
+#include "tarsier/sfm/mapper/missing_places.h"
 
 #include <algorithm>
 #include <cstdint>
@@ -65,6 +66,7 @@ void update_trust_by_all_pairs(const MapperInput& input, const MapperOptions& op
     reconstruction.trust[m] = model_trust(model, trust);
     reconstruction.shapes[m] = shape_of(model, input.pairs);
   }
+  count_missing_places(input, options, reconstruction);
 }
 
 }  // namespace tarsier::sfm

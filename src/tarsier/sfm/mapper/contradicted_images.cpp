@@ -69,8 +69,8 @@ void order_by_size(Reconstruction& made) {
 
 }  // namespace
 
-std::vector<ContradictedImage> remove_contradicted_images(const std::vector<Pair>& pairs,
-                                                          Model& model) {
+std::vector<ContradictedImage> contradicted_images(const std::vector<Pair>& pairs,
+                                                   const Model& model) {
   std::vector<ContradictedImage> candidates;
   std::vector<int> candidate_of(model.images.size(), -1);
   for (std::size_t i = 0; i < model.images.size(); ++i) {
@@ -102,9 +102,15 @@ std::vector<ContradictedImage> remove_contradicted_images(const std::vector<Pair
     return static_cast<double>(candidate.explained) >=
            kMinExplainedShare * static_cast<double>(candidate.inliers);
   });
-  const int remaining = registered_images(model) - static_cast<int>(candidates.size());
-  if (candidates.empty() || remaining < kMinModelImages) return {};
-  for (const ContradictedImage& removed : candidates) {
+  return candidates;
+}
+
+std::vector<ContradictedImage> remove_contradicted_images(const std::vector<Pair>& pairs,
+                                                          Model& model) {
+  std::vector<ContradictedImage> contradicted = contradicted_images(pairs, model);
+  const int remaining = registered_images(model) - static_cast<int>(contradicted.size());
+  if (contradicted.empty() || remaining < kMinModelImages) return {};
+  for (const ContradictedImage& removed : contradicted) {
     Image& image = model.images[at(removed.image)];
     image.registered = false;
     image.pose = {};
@@ -113,7 +119,7 @@ std::vector<ContradictedImage> remove_contradicted_images(const std::vector<Pair
     image.points.clear();
   }
   remove_unregistered(model);
-  return candidates;
+  return contradicted;
 }
 
 void remove_contradicted_images(const std::vector<Pair>& pairs, Reconstruction& made) {

@@ -21,12 +21,15 @@ struct ContradictedImage {
   std::size_t inliers = 0;
 };
 
-// Unregisters the images of a model that observe fewer than 50 points and whose poses explain less
-// than half of the inliers of their pairs with other images of the model. A pair is explained if
-// 0.8 of its inliers are (explained_matches(), 2 px). Removes their observations, and points with
-// fewer than two observations left. Models that would have fewer than 8 images then stay as they
-// are. Use it only for scenes that repeat: elsewhere pairs may disagree for other reasons, for
-// example an inexact focal length.
+// The images of a model that observe fewer than 50 points and whose poses explain less than half of
+// the inliers of their pairs with other images of the model. A pair is explained if 0.8 of its
+// inliers are (explained_matches(), 2 px). Use it only for scenes that repeat: elsewhere pairs may
+// disagree for other reasons, for example an inexact focal length.
+[[nodiscard]] std::vector<ContradictedImage> contradicted_images(const std::vector<Pair>& pairs,
+                                                                 const Model& model);
+
+// Unregisters these images. Removes their observations, and points with fewer than two observations
+// left. Models that would have fewer than 8 images then stay as they are.
 std::vector<ContradictedImage> remove_contradicted_images(const std::vector<Pair>& pairs,
                                                           Model& model);
 

@@ -8,9 +8,9 @@
 #include "tarsier/geometry/opencv_types.h"
 #include "tarsier/sfm/bundle/bundle_residual.h"
 #include "tarsier/sfm/bundle/point_selection.h"
+#include "tarsier/sfm/mapper/absolute_pose.h"
 
 #include <fmt/format.h>
-#include <opencv2/calib3d.hpp>
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
@@ -274,7 +274,7 @@ bool IncrementalMapper::add(int image, const std::stop_token& stop, std::string&
     positions.emplace_back(geometry::to_cv(model_.points[at(track)].position));
     pixels.emplace_back(camera.fx * ray.x + camera.cx, camera.fy * ray.y + camera.cy);
   }
-  const auto pose = pose_of(positions, pixels, camera);
+  const auto pose = absolute_pose(positions, pixels, camera, options_.pose_px, options_.seed);
   if (!pose) {
     why =
         fmt::format("no camera pose fits the {} 2D-3D correspondences with the model", seen.size());
@@ -405,39 +405,6 @@ void IncrementalMapper::compute_rays() {
     for (const cv::Point2d& p : undistorted(image.features, camera))
       rays_[i].emplace_back((p.x - camera.cx) / camera.fx, (p.y - camera.cy) / camera.fy);
   }
-}
-
-std::optional<geometry::Rigid3> IncrementalMapper::pose_of(
-    const std::vector<cv::Point3d>& positions, const std::vector<cv::Point2d>& pixels,
-    const geometry::Camera& camera) const {
-  cv::UsacParams params;
-  params.confidence = 0.9999;
-  params.isParallel = false;
-  params.loIterations = 10;
-  params.loMethod = cv::LOCAL_OPTIM_INNER_LO;
-  params.loSampleSize = 14;
-  params.maxIterations = 10000;
-  params.neighborsSearch = cv::NEIGH_GRID;
-  params.randomGeneratorState = static_cast<int>(options_.seed & 0x7fffffffU);
-  params.sampler = cv::SAMPLING_UNIFORM;
-  params.score = cv::SCORE_METHOD_MSAC;
-  params.threshold = options_.pose_px;
-  cv::Mat matrix(camera.matrix());
-  cv::Vec3d rotation_vector;
-  cv::Vec3d translation;
-  cv::Mat inliers;
-  try {
-    if (!cv::solvePnPRansac(positions, pixels, matrix, cv::noArray(), rotation_vector, translation,
-                            inliers, params)) {
-      return std::nullopt;
-    }
-  } catch (const cv::Exception&) {
-    return std::nullopt;
-  }
-  const geometry::Rigid3 pose{geometry::rotation_by(geometry::to_eigen(rotation_vector)),
-                              geometry::to_eigen(translation)};
-  if (!pose.translation.allFinite() || !geometry::is_rotation(pose.rotation)) return std::nullopt;
-  return pose;
 }
 
 std::vector<Correspondence2D3D> IncrementalMapper::inliers_of(

@@ -131,9 +131,6 @@ class IncrementalMapper {
   [[nodiscard]] bool are_distinct(const Point& point, const Point& other) const;
   // Computes the normalised coordinates of all features.
   void compute_rays();
-  [[nodiscard]] std::optional<geometry::Rigid3> pose_of(const std::vector<cv::Point3d>& positions,
-                                                        const std::vector<cv::Point2d>& pixels,
-                                                        const geometry::Camera& camera) const;
   [[nodiscard]] std::vector<Correspondence2D3D> inliers_of(
       int image, const std::vector<std::pair<int, int>>& seen, double threshold) const;
   // Adjusts a new image and the images that share most points with it; all others stay fixed.

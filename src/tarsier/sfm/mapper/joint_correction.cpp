@@ -61,7 +61,10 @@ double excess_of(const std::vector<Pair>& pairs, const std::vector<Model>& model
 // The shapes by all pairs, also those that a model was made without.
 std::vector<ModelShape> shapes_of(const std::vector<Pair>& pairs, const Reconstruction& made) {
   std::vector<ModelShape> shapes;
-  for (const Model& model : made.models) shapes.push_back(shape_of(model, pairs));
+  for (std::size_t m = 0; m < made.models.size(); ++m) {
+    shapes.push_back(shape_of(made.models[m], pairs));
+    if (m < made.shapes.size()) shapes.back().missing_places = made.shapes[m].missing_places;
+  }
   return shapes;
 }
 

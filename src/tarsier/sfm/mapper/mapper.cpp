@@ -13,6 +13,7 @@
 #include "tarsier/sfm/mapper/remapping_checkpoint.h"
 #include "tarsier/sfm/mapper/strong_pairs.h"
 
+#include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
 
 #include <optional>
@@ -37,7 +38,14 @@ std::vector<PatchRejection> rejections_by_pixels(const MapperInput& input, Progr
 }
 
 Reconstruction with_shape_trust(Reconstruction made) {
-  for (std::size_t m = 0; m < made.trust.size(); ++m) made.trust[m] *= shape_trust(made.shapes[m]);
+  for (std::size_t m = 0; m < made.trust.size(); ++m) {
+    made.trust[m] *= shape_trust(made.shapes[m]);
+    if (const int count = made.shapes[m].missing_places; count > 0)
+      made.log.push_back(fmt::format(
+          "model {} probably lacks a place that looks like the next one: {} images show "
+          "two parts of it side by side that are apart in the model",
+          m, count));
+  }
   return made;
 }
 

@@ -198,7 +198,8 @@ ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs) {
 }
 
 bool is_unreliable(const ModelShape& shape) {
-  return std::count_if(shape.missed_pairs.begin(), shape.missed_pairs.end(),
+  return shape.missing_places > 0 ||
+         std::count_if(shape.missed_pairs.begin(), shape.missed_pairs.end(),
                        [](const ModelShape::MissedPair& missed) {
                          return missed.strength >= kMinHighStrength || missed.closes_loop;
                        }) >= 2;

@@ -29,12 +29,14 @@ struct ModelShape {
   // where there are no two such parts.
   double weakest_joint = 0;
   std::vector<int> weakest_part;  // images of one of its two parts
+  // Images that show places which the model lacks (missing_places.h); not set by shape_of().
+  int missing_places = 0;
 };
 
 [[nodiscard]] ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs);
 
-// Whether the model misses two pairs or more that have a strength of 0.85 or close a loop. Weaker
-// pairs may also show similar places side by side.
+// Whether the model lacks a place, or misses two pairs or more that have a strength of 0.85 or close
+// a loop. Weaker pairs may also show similar places side by side.
 [[nodiscard]] bool is_unreliable(const ModelShape& shape);
 
 // Factor of a model's trust and score where its shape is unreliable.

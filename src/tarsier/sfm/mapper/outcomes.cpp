@@ -3,6 +3,7 @@
 
 #include "tarsier/sfm/consistency/trust.h"
 #include "tarsier/sfm/mapper/initial_pair.h"
+#include "tarsier/sfm/mapper/missing_places.h"
 
 #include <fmt/format.h>
 
@@ -133,7 +134,11 @@ void add_outcomes(const MapperInput& input, const MapperOptions& options,
                                 made.has_conflicts));
     made.trust.push_back(model_trust(model, trust.back()));
     made.shapes.push_back(shape_of(model, input.pairs));
-    made.has_conflicts = made.has_conflicts || (is_repetitive && is_unreliable(made.shapes.back()));
+  }
+  if (is_repetitive) {
+    count_missing_places(input, options, made);
+    made.has_conflicts =
+        made.has_conflicts || std::any_of(made.shapes.begin(), made.shapes.end(), is_unreliable);
   }
   const std::vector<const Pair*> best = best_pairs(input.pairs, input.images.size());
   for (std::size_t i = 0; i < input.images.size(); ++i) {

@@ -99,6 +99,7 @@ nlohmann::ordered_json report_json(const PipelineResult& result) {
       if (std::isfinite(shape.weakest_joint))
         models.back()["weakest_joint"] = rounded_to_steps(shape.weakest_joint, 1e3);
       models.back()["missed_pairs"] = shape.missed_pairs.size();
+      models.back()["missing_places"] = shape.missing_places;
     }
     if (const CenterUncertainty* uncertainty = uncertainty_of(built, m)) {
       models.back()["center_sigma_percent"] = rounded_to_steps(100 * uncertainty->mean, 1e4);
