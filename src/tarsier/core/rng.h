@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 namespace tarsier {
@@ -31,7 +32,7 @@ class Rng {
 
  private:
   std::uint64_t seed_;
-  std::uint64_t state_[4];
+  std::array<std::uint64_t, 4> state_;
   double spare_ = 0;
   bool has_spare_ = false;
 };

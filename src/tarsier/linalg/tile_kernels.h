@@ -12,7 +12,8 @@ constexpr std::size_t kTileElements = std::size_t{kTileSize} * kTileSize;
 
 // In memory, a tile is a sequence of strips of 8 rows; each strip is column-major.
 constexpr std::size_t in_tile(int row, int column) {
-  return static_cast<std::size_t>((row / kStrip * kTileSize + column) * kStrip + row % kStrip);
+  const int element = (row / kStrip * kTileSize + column) * kStrip + row % kStrip;
+  return static_cast<std::size_t>(element);
 }
 
 // All kernel sets give bit-identical results.

@@ -146,7 +146,7 @@ class Solver {
     std::vector<Vector2d> predicted;
     for (std::size_t k = 0; k < residuals.size(); ++k) {
       const BundleProblem::Measurement& seen = problem_.measurements[k];
-      predicted.push_back(Vector2d(seen.u, seen.v) + residuals[k] / seen.weight);
+      predicted.emplace_back(Vector2d(seen.u, seen.v) + residuals[k] / seen.weight);
     }
     const BundleState state{problem_.poses, problem_.lenses, problem_.points};
     const Rng rng(seed);
@@ -252,10 +252,13 @@ class Solver {
                   static_cast<std::ptrdiff_t>(variables_.lens_block_offset(variables_.lens_offset)),
               equations_.blocks.end(),
               reduced_.begin() + static_cast<std::ptrdiff_t>(variables_.lens_offset));
-    for (int v = 0; v < variables_.count; ++v)
+    for (int v = 0; v < variables_.count; ++v) {
+      const std::size_t next =
+          at(variables_.size_of(v)) + 1;  // from one diagonal number to the next
       for (int k = 0; k < variables_.size_of(v); ++k)
-        reduced_[variables_.diagonal_offset(v) + at(k * (variables_.size_of(v) + 1))] +=
+        reduced_[variables_.diagonal_offset(v) + at(k) * next] +=
             damped(damping_of(v, damping), equations_.scale[variables_.offset_of(v) + k]);
+    }
     VectorXd& moved = step.variables;
     moved = -equations_.gradient;
     const std::size_t points = problem_.points.size();

@@ -69,7 +69,8 @@ inline Prism prism(bool folded) {
     image.features = site.features[static_cast<std::size_t>(i)];
     image.pose = site.poses[static_cast<std::size_t>(i)];
     if (folded) {
-      const double angle = -CV_PI / 2 * (i / kPrismSide);
+      const int side = i / kPrismSide;
+      const double angle = -CV_PI / 2 * side;
       image.pose.rotation =
           image.pose.rotation * geometry::rotation_by(Eigen::Vector3d(0, 0, angle)).transpose();
     }

@@ -22,7 +22,7 @@ struct Match {
 class MatchList {
  public:
   MatchList() = default;
-  MatchList(std::vector<Match> matches)
+  MatchList(std::vector<Match> matches)  // NOLINT(google-explicit-constructor): the same matches
       : MatchList(std::make_shared<const std::vector<Match>>(std::move(matches))) {}
   MatchList(std::initializer_list<Match> matches) : MatchList(std::vector<Match>(matches)) {}
   // `owner` keeps the data alive.

@@ -25,6 +25,7 @@ constexpr double kConflictWeight = 5;
 Model retriangulated(const Model& model, const std::vector<const Pair*>& pairs,
                      const MapperInput& input, const MapperOptions& options) {
   std::vector<int> features;
+  features.reserve(input.images.size());
   for (const Image& image : input.images)
     features.push_back(static_cast<int>(image.features.size()));
   Model start;

@@ -362,7 +362,7 @@ void write_checkpoint(const std::string& path, const MapperState& state) {
   PackedWriter writer;
   writer.put(kVersion);
   put(writer, state);
-  writer.write(path);
+  (void)writer.write(path);
 }
 
 std::optional<MapperState> read_checkpoint(const std::string& path) {

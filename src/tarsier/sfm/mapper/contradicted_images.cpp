@@ -44,6 +44,7 @@ void remove_unregistered(Model& model) {
 // Sorts the models by their number of images, the largest first.
 void order_by_size(Reconstruction& made) {
   std::vector<int> sizes;
+  sizes.reserve(made.models.size());
   for (const Model& model : made.models) sizes.push_back(registered_images(model));
   std::vector<int> order(sizes.size());
   std::iota(order.begin(), order.end(), 0);

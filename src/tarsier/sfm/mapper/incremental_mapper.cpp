@@ -227,8 +227,7 @@ bool IncrementalMapper::start(const Pair& pair, const std::stop_token& stop, std
   first.registered = second.registered = true;
   registered_ = 2;
   (void)triangulate_all(min_angle());
-  BundleOptions bundle;
-  adjust_model(bundle, stop);
+  adjust_model(BundleOptions{}, stop);
   (void)filter(all_tracks());
   std::vector<double> angles;
   for (const Point& point : model_.points) {
@@ -517,6 +516,7 @@ int IncrementalMapper::triangulate_track(int track, double min_angle, std::vecto
   }
   if (best.size() < 2) return 0;
   std::vector<ObservationRay> rays;
+  rays.reserve(best.size());
   for (const Observation& seen : best) rays.push_back(ray_of(seen));
   const auto refined = triangulate(rays);
   if (refined) position = *refined;

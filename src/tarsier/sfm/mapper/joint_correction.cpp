@@ -70,6 +70,7 @@ std::vector<ModelShape> shapes_of(const std::vector<Pair>& pairs, const Reconstr
 
 double score_with_shapes(const Reconstruction& made, const std::vector<ModelShape>& shapes) {
   std::vector<double> factors;
+  factors.reserve(shapes.size());
   for (const ModelShape& shape : shapes) factors.push_back(shape_trust(shape));
   return score_of(made, factors);
 }

@@ -31,6 +31,7 @@ std::vector<PatchRejection> rejections_by_pixels(const MapperInput& input, Progr
                                                  const std::stop_token& stop) {
   if (!input.gray) return std::vector<PatchRejection>(input.pairs.size());
   std::vector<std::vector<cv::Point2f>> features;
+  features.reserve(input.images.size());
   for (const Image& image : input.images) features.push_back(image.features);
   return rejections_by_patches(
       input.pairs, features.size(),
@@ -126,6 +127,7 @@ ExtendedModel extend_model(const Model& before, const MapperInput& input,
   all.images = images;
   all.cameras = input.cameras;
   std::vector<int> features;
+  features.reserve(images.size());
   for (const Image& image : images) features.push_back(static_cast<int>(image.features.size()));
   IncrementalMapper mapper(std::move(all), make_tracks(input.pairs, features), input.descriptors,
                            input.kind, options);

@@ -89,8 +89,8 @@ class Comparison {
     std::vector<cv::Point2f> features;
     std::vector<cv::Point3d> positions;
     for (const PointMatch& match : matches_) {
-      features.push_back(image_.features[at(match.feature)]);
-      positions.push_back(geometry::to_cv(model_.points[at(match.point)].position));
+      features.emplace_back(image_.features[at(match.feature)]);
+      positions.emplace_back(geometry::to_cv(model_.points[at(match.point)].position));
     }
     const auto pose = absolute_pose(positions, undistorted(features, camera_), camera_,
                                     options_.pose_px, options_.seed);

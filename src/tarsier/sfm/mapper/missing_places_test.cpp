@@ -27,13 +27,7 @@ struct House {
 
   // `low`, `high`: x of the points that the model has.
   explicit House(double low = -20, double high = 20) {
-    geometry::Camera camera;
-    camera.width = 640;
-    camera.height = 480;
-    camera.fx = camera.fy = 500;
-    camera.cx = 320;
-    camera.cy = 240;
-    model.cameras = {camera};
+    model.cameras = {geometry::Camera{640, 480, 500, 500, 320, 240, {}, 0}};
     Rng rng(3);
     for (int p = 0; p < 900; ++p) {
       Point point;

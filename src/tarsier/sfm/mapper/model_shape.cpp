@@ -160,6 +160,7 @@ ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs) {
   std::vector<Joint> joints;
   ModelShape shape;
   std::vector<const Pair*> all;
+  all.reserve(pairs.size());
   for (const Pair& pair : pairs) all.push_back(&pair);
   const std::vector<const Pair*> found = open_loops(model, all);
   const std::set<const Pair*> loops(found.begin(), found.end());

@@ -48,7 +48,7 @@ class PackedWriter {
   void put(const std::string& text) { put(std::vector<char>(text.begin(), text.end())); }
 
   // Returns the SHA-256 of the content. Throws OutputError.
-  std::string write(const std::string& path) const {
+  [[nodiscard]] std::string write(const std::string& path) const {
     std::string sum = sha256_of(bytes_);
     write_file_atomically(path, std::string(kPackedMagic) + sum + bytes_);
     return sum;

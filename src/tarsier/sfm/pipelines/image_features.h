@@ -89,7 +89,7 @@ struct MatchedImages {
 // The images of a future model and their cameras: one camera per size and lens, or one per image.
 class ImageSet {
  public:
-  explicit ImageSet(const PipelineOptions& options) : options_(options) {}
+  explicit ImageSet(PipelineOptions options) : options_(std::move(options)) {}
   void add(const ImageFeatures& image_features, const std::string& name);
   [[nodiscard]] const std::vector<geometry::Camera>& cameras() const { return cameras_; }
   // Estimates guessed focal lengths from the epipolar geometry of the pairs (focal_estimation.h),

@@ -69,9 +69,9 @@ OrderedJson joins_json(const Reconstruction& built) {
 }
 
 const CenterUncertainty* uncertainty_of(const Reconstruction& built, std::size_t model) {
-  return model < built.uncertainties.size() && built.uncertainties[model]
-             ? &*built.uncertainties[model]
-             : nullptr;
+  if (model >= built.uncertainties.size()) return nullptr;
+  const std::optional<CenterUncertainty>& uncertainty = built.uncertainties[model];
+  return uncertainty ? &*uncertainty : nullptr;
 }
 
 // Number of model points that each image observes.
