@@ -102,6 +102,7 @@ class Solver {
           is_linearized = false;
           continue;
         }
+        // There is no bend that damping prevents: another try would fail, too.
         if (damping <= kMaxFinalDamping) has_low_damping_failed = true;
         if (next && damp_locally(now, *next)) continue;
         damping *= growth;
@@ -253,10 +254,9 @@ class Solver {
               equations_.blocks.end(),
               reduced_.begin() + static_cast<std::ptrdiff_t>(variables_.lens_offset));
     for (int v = 0; v < variables_.count; ++v) {
-      const std::size_t next =
-          at(variables_.size_of(v)) + 1;  // from one diagonal number to the next
+      const std::size_t stride = at(variables_.size_of(v)) + 1;  // of the diagonal
       for (int k = 0; k < variables_.size_of(v); ++k)
-        reduced_[variables_.diagonal_offset(v) + at(k) * next] +=
+        reduced_[variables_.diagonal_offset(v) + at(k) * stride] +=
             damped(damping_of(v, damping), equations_.scale[variables_.offset_of(v) + k]);
     }
     VectorXd& moved = step.variables;

@@ -362,7 +362,7 @@ void write_checkpoint(const std::string& path, const MapperState& state) {
   PackedWriter writer;
   writer.put(kVersion);
   put(writer, state);
-  (void)writer.write(path);
+  writer.write(path);
 }
 
 std::optional<MapperState> read_checkpoint(const std::string& path) {

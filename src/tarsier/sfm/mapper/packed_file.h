@@ -48,7 +48,8 @@ class PackedWriter {
   void put(const std::string& text) { put(std::vector<char>(text.begin(), text.end())); }
 
   // Returns the SHA-256 of the content. Throws OutputError.
-  [[nodiscard]] std::string write(const std::string& path) const {
+  // NOLINTNEXTLINE(modernize-use-nodiscard): the file is the result
+  std::string write(const std::string& path) const {
     std::string sum = sha256_of(bytes_);
     write_file_atomically(path, std::string(kPackedMagic) + sum + bytes_);
     return sum;

@@ -41,7 +41,7 @@ void Cache::store(const std::string& key, const Features& features) const {
   if (folder_.empty()) return;
   PackedWriter writer;
   put(writer, features);
-  (void)writer.write(path_of(key, ".features"));
+  writer.write(path_of(key, ".features"));
 }
 
 Cache::Pairs Cache::pairs(const std::string& key) const {
@@ -72,7 +72,7 @@ void Cache::store(const std::string& key, const Pairs& pairs) const {
     writer.put(static_cast<std::int32_t>(entry.matches));
     put(writer, entry.view);
   }
-  (void)writer.write(path_of(key, ".pairs"));
+  writer.write(path_of(key, ".pairs"));
 }
 
 std::optional<FlowResult> Cache::flow(const std::string& key) const {
@@ -124,7 +124,7 @@ void Cache::store(const std::string& key, const FlowResult& flow) const {
     writer.put(static_cast<std::int32_t>(pair.second));
     writer.put(pair.matches);
   }
-  (void)writer.write(path_of(key, ".flow"));
+  writer.write(path_of(key, ".flow"));
 }
 
 std::optional<MapperState> Cache::checkpoint(const std::string& key) const {
