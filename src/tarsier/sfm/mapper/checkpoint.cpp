@@ -18,7 +18,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr std::int64_t kMaxCheckpointBytes = 16'000'000'000;
-constexpr std::int32_t kVersion = 5;  // of the format, and of the mapping algorithm
+constexpr std::int32_t kVersion = 6;  // of the format, and of the mapping algorithm
 
 void put(PackedWriter& writer, const std::vector<geometry::Camera>& cameras) {
   writer.put(static_cast<std::uint64_t>(cameras.size()));
@@ -295,6 +295,9 @@ void put(PackedWriter& writer, const MapperState& state) {
   put(writer, state.reasons);
   writer.put(state.rejections);
   writer.put(static_cast<std::int32_t>(state.done));
+  writer.put(state.no_model);
+  writer.put(std::array<std::int32_t, 3>{state.conflict_rounds, state.loop_stays_open ? 1 : 0,
+                                         state.global_failed ? 1 : 0});
   writer.put(static_cast<std::int32_t>(state.current.has_value()));
   if (state.current) {
     put(writer, state.current->model);
@@ -326,6 +329,11 @@ MapperState get_state(PackedReader& reader, bool is_attempt) {
   state.reasons = get_texts(reader);
   state.rejections = reader.get_all<PairRejection>();
   state.done = reader.get<std::int32_t>() != 0;
+  state.no_model = reader.get_text();
+  const auto rejected = reader.get<std::array<std::int32_t, 3>>();
+  state.conflict_rounds = rejected[0];
+  state.loop_stays_open = rejected[1] != 0;
+  state.global_failed = rejected[2] != 0;
   if (reader.get<std::int32_t>() != 0) {
     IncrementalMapperState& current = state.current.emplace();
     current.model = get_packed_model(reader);

@@ -81,9 +81,13 @@ struct MapperState {
   // the last model does not close its loops: its images are mapped again, globally
   bool has_open_loop_model = false;
   std::vector<std::string> log;
-  std::vector<std::string> reasons;               // per image: why it is not registered, up to now
-  std::vector<PairRejection> rejections;          // for each pair
-  bool done = false;                              // mapping is finished
+  std::vector<std::string> reasons;       // per image: why it is not registered, up to now
+  std::vector<PairRejection> rejections;  // for each pair
+  bool done = false;                      // mapping is finished
+  std::string no_model;                   // Reconstruction::no_model, where known
+  int conflict_rounds = 0;                // models that were rejected because of conflicts
+  bool loop_stays_open = false;           // global mapping did not improve a model with open loops
+  bool global_failed = false;             // global mapping was refused
   std::optional<IncrementalMapperState> current;  // the growing model
   bool is_global = false;                         // it began globally
   std::vector<std::pair<int, int>> failed;        // image, and the points it saw when it failed

@@ -36,6 +36,10 @@ MapperState some_state() {
   state.round = 1;
   state.has_open_loop_model = true;
   state.is_global = true;
+  state.no_model = "none";
+  state.conflict_rounds = 2;
+  state.loop_stays_open = true;
+  state.global_failed = true;
   GlobalStartState& start = state.start.emplace();
   start.image = 2;
   start.step = GlobalStartState::kAdjustment;
@@ -92,6 +96,10 @@ TEST_F(Checkpoint, RoundTripKeepsState) {
   EXPECT_EQ(read->round, 1);
   EXPECT_EQ(read->has_open_loop_model, state.has_open_loop_model);
   EXPECT_EQ(read->is_global, state.is_global);
+  EXPECT_EQ(read->no_model, state.no_model);
+  EXPECT_EQ(read->conflict_rounds, state.conflict_rounds);
+  EXPECT_TRUE(read->loop_stays_open);
+  EXPECT_TRUE(read->global_failed);
   EXPECT_FALSE(read->done);
   EXPECT_EQ(read->registered(), 8);
   ASSERT_TRUE(read->start);

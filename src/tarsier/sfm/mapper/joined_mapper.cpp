@@ -4,9 +4,9 @@
 #include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
-#include "tarsier/sfm/mapper/checkpoint_timer.h"
 #include "tarsier/sfm/mapper/growth.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
+#include "tarsier/sfm/mapper/interval_timer.h"
 #include "tarsier/sfm/mapper/model_parts.h"
 #include "tarsier/sfm/mapper/outcomes.h"
 
@@ -126,7 +126,7 @@ class JoinedMapping {
   }
 
   void save_checkpoint() {
-    if (hooks_.save_checkpoint) timer_.save([&] { hooks_.save_checkpoint(state()); });
+    if (hooks_.save_checkpoint) timer_.run([&] { hooks_.save_checkpoint(state()); });
   }
 
   [[nodiscard]] MapperState state() const {
@@ -248,7 +248,7 @@ class JoinedMapping {
   std::optional<IncrementalMapper> mapper_;  // of the next one
   Growth growth_;
   std::optional<IncrementalMapperState> resumed_;  // the state of mapper_ in a checkpoint
-  CheckpointTimer timer_;
+  IntervalTimer timer_;
 };
 
 }  // namespace

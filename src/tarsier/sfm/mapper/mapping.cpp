@@ -8,20 +8,19 @@
 #include "tarsier/sfm/consistency/model_conflicts.h"
 #include "tarsier/sfm/consistency/open_loops.h"
 #include "tarsier/sfm/consistency/repeated_structure.h"
-#include "tarsier/sfm/global/view_graph.h"
-#include "tarsier/sfm/mapper/checkpoint_timer.h"
 #include "tarsier/sfm/mapper/global_start.h"
 #include "tarsier/sfm/mapper/growth.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/initial_pair.h"
+#include "tarsier/sfm/mapper/interval_timer.h"
 #include "tarsier/sfm/mapper/model_parts.h"
 #include "tarsier/sfm/mapper/outcomes.h"
+#include "tarsier/sfm/mapper/remaining_images.h"
 #include "tarsier/sfm/mapper/start_poses.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <map>
 #include <memory>
 #include <optional>
@@ -33,17 +32,13 @@ namespace {
 
 constexpr int kMaxInitialPairs = 20;
 constexpr int kMaxConflictRounds = 4;  // max times that images are mapped again without some pairs
-// Start poses count as rough below this share of matches near their epipolar lines.
-constexpr double kMinExactShare = 0.8;
-// First adjustments of rough poses: threshold in units of MapperOptions::reprojection_px.
-struct RoughRound {
-  double threshold = 1;
-  double loss_px = 0.5;
-};
-constexpr RoughRound kRoughRounds[] = {{16, 8}, {8, 4}, {4, 2}, {2, 1}};
 const std::string kStartRefusal = "the start model is rejected: ";
-const std::string kConflictMarker = " superimposes different places";
-const std::string kStaysOpenMarker = ": the incremental model is used";
+
+int first_registered(const Model& model) {
+  const auto first = std::find_if(model.images.begin(), model.images.end(),
+                                  [](const Image& image) { return image.registered; });
+  return static_cast<int>(first - model.images.begin());
+}
 
 class Mapping {
  public:
@@ -54,8 +49,7 @@ class Mapping {
         progress_(progress),
         stop_(stop),
         hooks_(hooks),
-        used_(input_.images.size(), false),
-        rejections_(input_.pairs.size(), PairRejection::kNone) {
+        remaining_(input) {
     result_.outcomes.resize(input_.images.size());
   }
 
@@ -74,7 +68,7 @@ class Mapping {
       resume(*hooks_.resume_from);
     } else {
       for (std::size_t k = 0; k < input_.pairs.size(); ++k)
-        if (evidence_[k].is_refused()) rejections_[k] = PairRejection::kMissingFeatures;
+        if (evidence_[k].is_refused()) remaining_.reject(k, PairRejection::kMissingFeatures);
     }
     try {
       while (!done_) {
@@ -100,8 +94,8 @@ class Mapping {
     }
     progress_.end();
     conflicts_.resize(result_.models.size());
-    add_outcomes(input_, options_, evidence_, rejections_, is_repetitive(), conflicts_, result_);
-    if (input_.start && result_.models.empty()) set_no_model_reason();
+    add_outcomes(input_, options_, evidence_, remaining_.rejections(), is_repetitive(), conflicts_,
+                 result_);
     if (result_.interrupted && result_.models.empty()) throw Interrupted();
     return std::move(result_);
   }
@@ -115,51 +109,17 @@ class Mapping {
  private:
   // --- one model ---
 
-  // Components of the images by the remaining pairs.
-  Components components() const {
-    Components components(input_.images.size());
-    for (const Pair& pair : input_.pairs)
-      if (is_remaining(pair)) components.join(pair.first, pair.second);
-    // Images of a start model are connected by their poses.
-    int first = -1;
-    for (std::size_t i = 0; i < start_.fits.size(); ++i) {
-      if (start_.fits[i] == 0) continue;
-      if (first < 0) first = static_cast<int>(i);
-      components.join(first, static_cast<int>(i));
-    }
-    return components;
-  }
-
-  [[nodiscard]] bool is_remaining(const Pair& pair) const {
-    return !pair.view.inliers.empty() && !used_[at(pair.first)] && !used_[at(pair.second)] &&
-           !is_refused(rejections_[static_cast<std::size_t>(&pair - input_.pairs.data())]);
-  }
-
-  [[nodiscard]] std::vector<const Pair*> remaining_pairs() const {
-    std::vector<const Pair*> remaining;
-    for (const Pair& pair : input_.pairs)
-      if (is_remaining(pair)) remaining.push_back(&pair);
-    return remaining;
-  }
-
-  [[nodiscard]] Model model_of_component(Components& components, int root) const {
-    std::vector<char> has_features(input_.images.size());
-    for (std::size_t i = 0; i < has_features.size(); ++i)
-      has_features[i] = components.root(static_cast<int>(i)) == root ? 1 : 0;
-    return model_with_features(input_.cameras, input_.images, has_features);
-  }
+  // Images of a start model are connected by their poses.
+  [[nodiscard]] Components components() const { return remaining_.components(start_.fits); }
 
   // Creates a mapper with the features of one component only: all images that can be registered are
   // in it, and a folder of many small scenes does not hold all features for each.
   void make_mapper(Components& components, int root) {
     mapper_.reset();
-    Model model = model_of_component(components, root);
-    const std::vector<int> features = feature_counts(model);
-    std::vector<const Pair*> remaining;
-    for (const Pair& pair : input_.pairs)
-      if (is_remaining(pair) && components.root(pair.first) == root) remaining.push_back(&pair);
-    mapper_.emplace(std::move(model), make_tracks(remaining, features), input_.descriptors,
-                    input_.kind, options_);
+    Model model = remaining_.model_of(components, root);
+    std::vector<std::vector<Observation>> tracks =
+        make_tracks(remaining_.pairs_of(components, root), feature_counts(model));
+    mapper_.emplace(std::move(model), std::move(tracks), input_.descriptors, input_.kind, options_);
     if (input_.start) fix_start_poses();
     if (hooks_.watch) {
       mapper_->watch([&](const char* stage, const IncrementalMapper& now) {
@@ -173,7 +133,7 @@ class Mapping {
   // Maps a component of the remaining images globally, if one is large enough and is not refused.
   // `only`: the root of the component to try, of whatever size; -1: all.
   bool begin_globally(Components& components, int only) {
-    PairsOfComponents pairs_of = pairs_of_components(components);
+    std::map<int, std::vector<std::size_t>> pairs_of = remaining_.pairs_by_component(components);
     std::map<int, int> sizes;
     for (std::size_t i = 0; i < input_.images.size(); ++i)
       ++sizes[components.root(static_cast<int>(i))];
@@ -201,7 +161,7 @@ class Mapping {
       if (start.refusal.empty()) {
         for (std::size_t k = 0; k < chosen.size(); ++k)
           if (start.rejections[k] != PairRejection::kNone)
-            rejections_[pairs_of[root][k]] = start.rejections[k];
+            remaining_.reject(pairs_of[root][k], start.rejections[k]);
         Components remaining = this->components();
         make_mapper(remaining, remaining.root(first_registered(start.model)));
         mapper_->resume(start.model);
@@ -210,7 +170,9 @@ class Mapping {
         return true;
       }
       mapper_.reset();
-      result_.log.push_back(fmt::format("{}{}", kGlobalFailure, start.refusal));
+      const std::string failure = fmt::format("{}{}", kGlobalFailure, start.refusal);
+      result_.log.push_back(failure);
+      global_failed_ = true;
       global_start_.reset();
       if (options_.choice != MapperChoice::kGlobal) {
         // Prevents another attempt and log line after resuming from a checkpoint.
@@ -219,22 +181,13 @@ class Mapping {
         refused.step = GlobalStartState::kRefused;
         return false;
       }
-      for (const std::size_t k : pairs_of[root]) rejections_[k] = PairRejection::kBadInitialPair;
+      if (result_.no_model.empty()) result_.no_model = failure;
+      for (const std::size_t k : pairs_of[root])
+        remaining_.reject(k, PairRejection::kBadInitialPair);
       for (std::size_t i = 0; i < input_.images.size(); ++i)
-        if (components.root(static_cast<int>(i)) == root)
-          result_.outcomes[i].reason = fmt::format("{}{}", kGlobalFailure, start.refusal);
+        if (components.root(static_cast<int>(i)) == root) result_.outcomes[i].reason = failure;
     }
     return false;
-  }
-
-  using PairsOfComponents = std::map<int, std::vector<std::size_t>>;  // by root
-  // The pairs that global mapping uses.
-  [[nodiscard]] PairsOfComponents pairs_of_components(Components& components) const {
-    PairsOfComponents pairs_of;
-    for (std::size_t k = 0; k < input_.pairs.size(); ++k)
-      if (is_remaining(input_.pairs[k]) && rejections_[k] == PairRejection::kNone)
-        pairs_of[components.root(input_.pairs[k].first)].push_back(k);
-    return pairs_of;
   }
 
   [[nodiscard]] std::vector<const Pair*> pairs_at(const std::vector<std::size_t>& indices) const {
@@ -248,10 +201,10 @@ class Mapping {
     if (!global_start_) return std::nullopt;
     Components components = this->components();
     const int root = components.root(global_start_->image);
-    Model model = model_of_component(components, root);
+    Model model = remaining_.model_of(components, root);
     std::optional<PartialGlobalModel> rough =
         partial_model(*global_start_, input_.cameras, model.images,
-                      pairs_at(pairs_of_components(components)[root]), options_);
+                      pairs_at(remaining_.pairs_by_component(components)[root]), options_);
     if (!rough) return std::nullopt;
     IncrementalMapper mapper(std::move(model), std::move(rough->tracks), input_.descriptors,
                              input_.kind, options_);
@@ -270,53 +223,38 @@ class Mapping {
     mapper_->fix(std::move(images), input_.start->fixed_cameras);
   }
 
+  void reject_start(const std::string& reason) {
+    result_.no_model = kStartRefusal + reason;
+    result_.log.push_back(result_.no_model);
+  }
+
   // Begins with the start poses that agree with their matches; false: too few do.
   bool begin_with_start() {
     for (std::size_t i = 0; i < input_.images.size(); ++i)
       result_.outcomes[i].reason = start_.reasons[i];
     if (!start_.refusal.empty()) {
-      result_.log.push_back(kStartRefusal + start_.refusal);
+      reject_start(start_.refusal);
       return false;
     }
-    Model model;
-    model.cameras = input_.cameras;
-    model.images.resize(input_.images.size());
-    int first = -1;
-    for (std::size_t i = 0; i < model.images.size(); ++i) {
-      model.images[i].registered = start_.fits[i] != 0;
-      if (!model.images[i].registered) continue;
-      model.images[i].pose = *input_.start->poses[i];
-      if (first < 0) first = static_cast<int>(i);
-    }
-    const bool is_exact = start_.explained_share >= kMinExactShare;
-    result_.log.push_back(fmt::format(
-        "start model: {} of {} images have poses that agree with their matches; {:.0f} % of the {} "
-        "matches are within {} px of their epipolar lines{}",
-        start_.accepted, start_.given_poses, 100 * start_.explained_share, start_.matches,
-        options_.reprojection_px,
-        is_exact || input_.start->fixed ? "" : ": the poses are inexact and are adjusted first"));
+    result_.log.push_back(describe(start_, *input_.start, options_));
+    const Model model = start_model(start_, *input_.start, input_);
     try {
       Components components = this->components();
-      make_mapper(components, components.root(first));
-      if (!is_exact && !input_.start->fixed) {
-        bool is_new = true;
-        for (const RoughRound& round : kRoughRounds) {
-          throw_if_stopped(stop_);
-          mapper_->set_reprojection_px(round.threshold * options_.reprojection_px);
-          if (std::exchange(is_new, false)) mapper_->resume(model);
-          (void)mapper_->refine_once({.tolerance = 1e-3, .loss_px = round.loss_px}, stop_);
-        }
-        mapper_->set_reprojection_px(options_.reprojection_px);
-        (void)mapper_->refine_once({.tolerance = 1e-3}, stop_);
-        log_warnings();
-      } else {
+      make_mapper(components, components.root(first_registered(model)));
+      if (start_.is_exact() || input_.start->fixed) {
         mapper_->resume(model);
+      } else {
+        adjust_rough_start(*mapper_, model, options_, stop_);
+        log_warnings();
       }
     } catch (const Interrupted&) {
       mapper_.reset();
       throw;
     }
-    if (!has_enough_observations()) {
+    const std::string refusal =
+        why_too_few_observations(mapper_->model(), start_, *input_.start, options_);
+    if (!refusal.empty()) {
+      reject_start(refusal);
       mapper_.reset();
       return false;
     }
@@ -325,31 +263,10 @@ class Mapping {
     return true;
   }
 
-  // Whether at least half of the start images, and at least two, show points.
-  bool has_enough_observations() {
-    std::vector<int> observed_points(input_.images.size(), 0);
-    for (const Point& point : mapper_->model().points)
-      for (const Observation& seen : point.track) ++observed_points[at(seen.image)];
-    const auto enough = static_cast<int>(
-        std::count_if(observed_points.begin(), observed_points.end(),
-                      [&](int points) { return points >= options_.pose_inliers; }));
-    if (enough >= 2 && 2 * enough >= start_.accepted) return true;
-    result_.log.push_back(fmt::format(
-        "{}only {} of {} images observe {} or more points with a reprojection error below {} px{}",
-        kStartRefusal, enough, start_.accepted, options_.pose_inliers, options_.reprojection_px,
-        input_.start->fixed ? "; fixed poses must be exact" : ""));
-    return false;
-  }
-
-  void set_no_model_reason() {
-    for (const std::string& line : result_.log)
-      if (line.starts_with(kStartRefusal)) result_.no_model = line;
-  }
-
   // Images that must not be added: those in finished models, and rejected ones of a fixed start
   // model.
   [[nodiscard]] std::vector<bool> excluded_images() const {
-    std::vector<bool> result = used_;
+    std::vector<bool> result = remaining_.in_models();
     for (std::size_t i = 0; i < start_.fits.size() && input_.start->fixed; ++i)
       result[i] = result[i] || (input_.start->poses[i] && start_.fits[i] == 0);
     return result;
@@ -386,9 +303,10 @@ class Mapping {
     }
     std::vector<std::pair<double, std::size_t>> starts;
     for (std::size_t k = 0; k < input_.pairs.size(); ++k) {
-      if (!is_remaining(input_.pairs[k])) continue;
+      if (!remaining_.contains(input_.pairs[k])) continue;
       const double score = initial_pair_score(input_.pairs[k], options_);
-      if (score > 0 && rejections_[k] == PairRejection::kNone) starts.emplace_back(-score, k);
+      if (score > 0 && remaining_.rejections()[k] == PairRejection::kNone)
+        starts.emplace_back(-score, k);
     }
     std::sort(starts.begin(), starts.end());
     int mapper_root = -1;  // root of the component
@@ -418,7 +336,7 @@ class Mapping {
         begin_growing();
         return true;
       }
-      rejections_[starts[k].second] = PairRejection::kBadInitialPair;
+      remaining_.reject(pair, PairRejection::kBadInitialPair);
     }
     mapper_.reset();
     return false;
@@ -471,8 +389,7 @@ class Mapping {
 
   // `conflicts` of the model, where known.
   void add_model(Model model, std::shared_ptr<const ModelConflicts> conflicts = {}) {
-    for (std::size_t i = 0; i < input_.images.size(); ++i)
-      used_[i] = used_[i] || model.images[i].registered;
+    remaining_.add_finished(model);
     if (hooks_.watch) hooks_.watch(fmt::format("model-{}", result_.models.size()), model);
     result_.models.push_back(std::move(model));
     conflicts_.resize(result_.models.size() - 1);
@@ -485,10 +402,8 @@ class Mapping {
   // distributes the error over the whole loop.
   bool has_open_loops(const Model& model) {
     if (is_global_ || options_.choice == MapperChoice::kGlobal) return false;
-    if (std::any_of(result_.log.begin(), result_.log.end(),
-                    [](const std::string& line) { return line.starts_with(kGlobalFailure); }))
-      return false;  // tried already
-    const std::vector<const Pair*> open = open_loops(model, remaining_pairs());
+    if (global_failed_) return false;  // tried already
+    const std::vector<const Pair*> open = open_loops(model, remaining_.pairs());
     if (open.empty()) return false;
     const Pair& strongest =
         **std::max_element(open.begin(), open.end(), [](const Pair* a, const Pair* b) {
@@ -506,32 +421,21 @@ class Mapping {
   // Of two models of the same images, the one that agrees with more verified matches.
   Model better(Model with_open_loops, Model global) {
     // Including matches that global mapping left out.
-    const std::vector<PairRejection> rejections = rejections_;
-    clear_cycle_rejections();
-    const std::vector<const Pair*> remaining = remaining_pairs();
+    std::vector<PairRejection> rejections = remaining_.rejections();
+    remaining_.clear_cycle_rejections();
+    const std::vector<const Pair*> remaining = remaining_.pairs();
     const double before = agreeing_inliers(with_open_loops, remaining);
     const double after = agreeing_inliers(global, remaining);
     result_.log.push_back(fmt::format(
         "inliers that agree with the incremental model: {:.0f}, with the global model: {:.0f}{}",
-        before, after, after > before ? ": the global model is used" : kStaysOpenMarker));
+        before, after,
+        after > before ? ": the global model is used" : ": the incremental model is used"));
     if (!(after > before)) {
       loop_stays_open_ = true;
       return with_open_loops;
     }
-    rejections_ = rejections;
+    remaining_.set_rejections(std::move(rejections));
     return global;
-  }
-
-  void clear_cycle_rejections() {
-    for (PairRejection& rejection : rejections_)
-      if (rejection == PairRejection::kOpenCycles || rejection == PairRejection::kRotationError)
-        rejection = PairRejection::kNone;
-  }
-
-  static int first_registered(const Model& model) {
-    const auto first = std::find_if(model.images.begin(), model.images.end(),
-                                    [](const Image& image) { return image.registered; });
-    return static_cast<int>(first - model.images.begin());
   }
 
   // Whether the model superimposes places. Then the responsible pairs are refused, and its images
@@ -542,19 +446,17 @@ class Mapping {
     conflicts = std::make_shared<const ModelConflicts>(model);
     if (!conflicts->any(is_repetitive())) return false;
     const std::vector<const Pair*> refused =
-        conflicting_pairs(model, *conflicts, remaining_pairs());
+        conflicting_pairs(model, *conflicts, remaining_.pairs());
     if (refused.empty()) return false;
-    for (const Pair* pair : refused)
-      rejections_[static_cast<std::size_t>(pair - input_.pairs.data())] =
-          PairRejection::kModelConflict;
+    for (const Pair* pair : refused) remaining_.reject(*pair, PairRejection::kModelConflict);
     // Pairs that contradicted the wrong ones may be right.
-    clear_cycle_rejections();
+    remaining_.clear_cycle_rejections();
     ++conflict_rounds_;
     result_.log.push_back(
-        fmt::format("a model of {} images{} ({} pairs of nearby images contradict each other): {} "
-                    "matched pairs are rejected, and the images are mapped again",
-                    statistics_of(model).registered, kConflictMarker, conflicts->pairs().size(),
-                    refused.size()));
+        fmt::format("a model of {} images superimposes different places ({} pairs of nearby images "
+                    "contradict each other): {} matched pairs are rejected, and the images are "
+                    "mapped again",
+                    statistics_of(model).registered, conflicts->pairs().size(), refused.size()));
     progress_.begin("reconstruct", static_cast<std::int64_t>(input_.images.size()), "images");
     return true;
   }
@@ -568,7 +470,7 @@ class Mapping {
 
   void save_checkpoint_if_due() {
     show_if_due();
-    if (timer_.is_due(hooks_.save_interval_s)) save_checkpoint();
+    if (save_timer_.is_due(hooks_.save_interval_s)) save_checkpoint();
   }
 
   // Whether an incremental model is growing, as opposed to a global start.
@@ -576,17 +478,13 @@ class Mapping {
 
   void show_if_due() {
     if (!hooks_.show || !is_growing()) return;
-    const double since = seconds_since(shown_at_);
-    if (was_shown_ && (since < hooks_.show_interval_s || since < 20 * showing_s_)) return;
-    const Clock::time_point start = Clock::now();
-    hooks_.show(mapper_->finished(input_.colors, 2));
-    shown_at_ = Clock::now();
-    showing_s_ = seconds_since(start);
-    was_shown_ = true;
+    if (show_timer_ && !show_timer_->is_due(hooks_.show_interval_s)) return;
+    if (!show_timer_) show_timer_.emplace();
+    show_timer_->run([&] { hooks_.show(mapper_->finished(input_.colors, 2)); });
   }
 
   void save_checkpoint() {
-    if (hooks_.save_checkpoint) timer_.save([&] { hooks_.save_checkpoint(state()); });
+    if (hooks_.save_checkpoint) save_timer_.run([&] { hooks_.save_checkpoint(state()); });
   }
 
   [[nodiscard]] MapperState state() const {
@@ -597,8 +495,12 @@ class Mapping {
     state.is_global = is_global_;
     state.log = result_.log;
     for (const Outcome& outcome : result_.outcomes) state.reasons.push_back(outcome.reason);
-    state.rejections = rejections_;
+    state.rejections = remaining_.rejections();
     state.done = done_;
+    state.no_model = result_.no_model;
+    state.conflict_rounds = conflict_rounds_;
+    state.loop_stays_open = loop_stays_open_;
+    state.global_failed = global_failed_;
     if (is_growing()) state.current = mapper_->state();
     state.start = global_start_;
     state.failed.assign(growth_.failed.begin(), growth_.failed.end());
@@ -610,15 +512,13 @@ class Mapping {
 
   void resume(const MapperState& state) {
     result_.log = state.log;
-    conflict_rounds_ = static_cast<int>(std::count_if(
-        state.log.begin(), state.log.end(),
-        [](const std::string& line) { return line.find(kConflictMarker) != std::string::npos; }));
-    loop_stays_open_ = std::any_of(state.log.begin(), state.log.end(), [](const std::string& line) {
-      return line.ends_with(kStaysOpenMarker);
-    });
+    result_.no_model = state.no_model;
+    conflict_rounds_ = state.conflict_rounds;
+    loop_stays_open_ = state.loop_stays_open;
+    global_failed_ = state.global_failed;
     for (std::size_t i = 0; i < input_.images.size(); ++i)
       result_.outcomes[i].reason = state.reasons[i];
-    rejections_ = state.rejections;
+    remaining_.set_rejections(state.rejections);
     done_ = state.done;
     for (const PackedModel& packed : state.models)
       result_.models.push_back(unpacked(packed, input_.images));
@@ -626,9 +526,7 @@ class Mapping {
       open_loop_model_ = std::move(result_.models.back());
       result_.models.pop_back();
     }
-    for (const Model& model : result_.models)
-      for (std::size_t i = 0; i < input_.images.size(); ++i)
-        used_[i] = used_[i] || model.images[i].registered;
+    for (const Model& model : result_.models) remaining_.add_finished(model);
     is_global_ = state.is_global;
     global_start_ = state.start;
     if (state.current) {
@@ -647,15 +545,10 @@ class Mapping {
       }
     }
     result_.resumed = mapper_ ? mapper_->registered() : 0;
-    for (const bool used : used_) result_.resumed += used ? 1 : 0;
+    for (const bool used : remaining_.in_models()) result_.resumed += used ? 1 : 0;
     progress_.advance(result_.resumed);
     if (!mapper_ && global_start_)
       result_.resumed += static_cast<int>(global_start_->model.registered.size());
-  }
-
-  using Clock = std::chrono::steady_clock;
-  static double seconds_since(Clock::time_point start) {
-    return std::chrono::duration<double>(Clock::now() - start).count();
   }
 
   const MapperInput& input_;
@@ -665,16 +558,16 @@ class Mapping {
   const MapperHooks& hooks_;
   Reconstruction result_;
   std::vector<std::shared_ptr<const ModelConflicts>> conflicts_;  // for result_.models, where known
-  std::vector<bool> used_;                                        // images in finished models
   std::vector<PairEvidence> evidence_;
-  std::vector<PairRejection> rejections_;  // for each pair
-  StartCheck start_;                       // for input_.start
+  RemainingImages remaining_;
+  StartCheck start_;  // for input_.start
   bool done_ = false;
   std::optional<IncrementalMapper> mapper_;
   Growth growth_;  // of the model of mapper_
   int adjustments_ = 0;
   int conflict_rounds_ = 0;       // number of models rejected because of conflicts
   bool loop_stays_open_ = false;  // a model has open loops and was not improved by global mapping
+  bool global_failed_ = false;    // global mapping of some images was refused
   std::optional<Model> open_loop_model_;  // has open loops; its images are mapped globally
   // A model rejected because of conflicts, until its images are mapped again. After an interruption
   // it is the result.
@@ -682,10 +575,8 @@ class Mapping {
   bool is_global_ = false;  // how the model of mapper_ began
   // State of a global start of a component, or its refusal.
   std::optional<GlobalStartState> global_start_;
-  CheckpointTimer timer_;
-  Clock::time_point shown_at_ = Clock::now();
-  double showing_s_ = 0;
-  bool was_shown_ = false;
+  IntervalTimer save_timer_;
+  std::optional<IntervalTimer> show_timer_;  // from the first time on
 };
 
 }  // namespace

@@ -44,17 +44,6 @@ void order_models(int min_images, std::vector<Model>& models,
   }
 }
 
-std::string why_no_model(const MapperInput& input, const MapperOptions& options,
-                         const std::vector<std::string>& log) {
-  if (options.choice == MapperChoice::kGlobal) {
-    const auto refused = std::find_if(log.begin(), log.end(), [](const std::string& line) {
-      return line.starts_with(kGlobalFailure);
-    });
-    if (refused != log.end()) return *refused;
-  }
-  return why_no_initial_pair(input.pairs, input.images, options);
-}
-
 std::string why_refused(PairRejection rejection, const PairEvidence& evidence) {
   switch (rejection) {
     case PairRejection::kOpenCycles:
@@ -125,7 +114,11 @@ void add_outcomes(const MapperInput& input, const MapperOptions& options,
                   std::vector<std::shared_ptr<const ModelConflicts>> conflicts,
                   Reconstruction& made) {
   order_models(options.min_images, made.models, conflicts);
-  if (made.models.empty()) made.no_model = why_no_model(input, options, made.log);
+  if (!made.models.empty()) {
+    made.no_model.clear();
+  } else if (made.no_model.empty()) {
+    made.no_model = why_no_initial_pair(input.pairs, input.images, options);
+  }
   made.refused = refused_pairs(input.pairs, evidence, rejections);
   std::vector<std::vector<double>> trust;  // for the images of each model
   for (std::size_t m = 0; m < made.models.size(); ++m) {

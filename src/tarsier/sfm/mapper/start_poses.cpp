@@ -5,6 +5,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/consistency/pair_agreement.h"
+#include "tarsier/sfm/mapper/incremental_mapper.h"
 
 #include <fmt/format.h>
 
@@ -19,6 +20,12 @@ namespace {
 // min share of an image's matches that agreeing pairs have
 constexpr double kMinAgreeingShare = 0.3;
 constexpr std::size_t kMinMatches = 16;
+// Adjustments of rough poses: max reprojection error in units of MapperOptions::reprojection_px.
+struct RoughRound {
+  double threshold = 1;
+  double loss_px = 0.5;
+};
+constexpr RoughRound kRoughRounds[] = {{16, 8}, {8, 4}, {4, 2}, {2, 1}};
 
 // The images as a model with the start poses.
 Model model_of(const StartPoses& start, const MapperInput& input) {
@@ -129,6 +136,55 @@ StartCheck check_start(const StartPoses& start, const MapperInput& input,
         check.accepted, check.given_poses);
   }
   return check;
+}
+
+std::string describe(const StartCheck& check, const StartPoses& start,
+                     const MapperOptions& options) {
+  return fmt::format(
+      "start model: {} of {} images have poses that agree with their matches; {:.0f} % of the {} "
+      "matches are within {} px of their epipolar lines{}",
+      check.accepted, check.given_poses, 100 * check.explained_share, check.matches,
+      options.reprojection_px,
+      check.is_exact() || start.fixed ? "" : ": the poses are inexact and are adjusted first");
+}
+
+Model start_model(const StartCheck& check, const StartPoses& start, const MapperInput& input) {
+  Model model;
+  model.cameras = input.cameras;
+  model.images.resize(input.images.size());
+  for (std::size_t i = 0; i < model.images.size(); ++i) {
+    model.images[i].registered = check.fits[i] != 0;
+    if (model.images[i].registered) model.images[i].pose = *start.poses[i];
+  }
+  return model;
+}
+
+void adjust_rough_start(IncrementalMapper& mapper, const Model& start, const MapperOptions& options,
+                        const std::stop_token& stop) {
+  bool is_new = true;
+  for (const RoughRound& round : kRoughRounds) {
+    throw_if_stopped(stop);
+    mapper.set_reprojection_px(round.threshold * options.reprojection_px);
+    if (std::exchange(is_new, false)) mapper.resume(start);
+    (void)mapper.refine_once({.tolerance = 1e-3, .loss_px = round.loss_px}, stop);
+  }
+  mapper.set_reprojection_px(options.reprojection_px);
+  (void)mapper.refine_once({.tolerance = 1e-3}, stop);
+}
+
+std::string why_too_few_observations(const Model& model, const StartCheck& check,
+                                     const StartPoses& start, const MapperOptions& options) {
+  std::vector<int> observed_points(model.images.size(), 0);
+  for (const Point& point : model.points)
+    for (const Observation& seen : point.track) ++observed_points[at(seen.image)];
+  const auto enough =
+      static_cast<int>(std::count_if(observed_points.begin(), observed_points.end(),
+                                     [&](int points) { return points >= options.pose_inliers; }));
+  if (enough >= 2 && 2 * enough >= check.accepted) return "";
+  return fmt::format(
+      "only {} of {} images observe {} or more points with a reprojection error below {} px{}",
+      enough, check.accepted, options.pose_inliers, options.reprojection_px,
+      start.fixed ? "; fixed poses must be exact" : "");
 }
 
 }  // namespace tarsier::sfm

@@ -10,6 +10,8 @@
 
 namespace tarsier::sfm {
 
+class IncrementalMapper;
+
 // The agreement of start poses with the images.
 struct StartCheck {
   std::vector<char> fits;            // per image: it has a pose that agrees
@@ -19,6 +21,9 @@ struct StartCheck {
   std::size_t matches = 0;           // of agreeing pairs between images that fit
   double explained_share = 0;        // share of these that are near their epipolar lines
   std::string refusal;               // why mapping cannot begin with them; or ""
+
+  // Whether the poses need no adjustment before points are made.
+  [[nodiscard]] bool is_exact() const { return explained_share >= 0.8; }
 };
 
 // Checks start poses against the matches. A pair agrees with the poses of its images as
@@ -30,5 +35,24 @@ struct StartCheck {
 [[nodiscard]] StartCheck check_start(const StartPoses& start, const MapperInput& input,
                                      const std::vector<char>& is_refused, double reprojection_px,
                                      const std::stop_token& stop);
+
+// A line of the log.
+[[nodiscard]] std::string describe(const StartCheck& check, const StartPoses& start,
+                                   const MapperOptions& options);
+
+// All images; those that fit are registered with their poses. Without features and points.
+[[nodiscard]] Model start_model(const StartCheck& check, const StartPoses& start,
+                                const MapperInput& input);
+
+// Makes points from inexact poses and adjusts both, with a maximum reprojection error that decreases
+// to that of the options. Throws Interrupted.
+void adjust_rough_start(IncrementalMapper& mapper, const Model& start, const MapperOptions& options,
+                        const std::stop_token& stop);
+
+// Why the points that were made do not confirm the poses; "" if at least half of the images that fit,
+// and at least two, observe enough points.
+[[nodiscard]] std::string why_too_few_observations(const Model& model, const StartCheck& check,
+                                                   const StartPoses& start,
+                                                   const MapperOptions& options);
 
 }  // namespace tarsier::sfm
