@@ -8,10 +8,8 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/sha256.h"
-#include "tarsier/sfm/pipelines/shard_commands.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <opencv2/core/utility.hpp>
 
 #include <algorithm>
@@ -24,7 +22,6 @@
 namespace tarsier::sfm {
 namespace {
 
-constexpr int kSiftColumns = 128;
 constexpr std::int64_t kStopCheckPairs = 256;  // between two checks of the stop token
 // Number of images that a cluster takes from each neighbour.
 constexpr int kMinOverlap = 4;
@@ -36,31 +33,6 @@ std::string checksum_or_empty(const std::string& path) {
   } catch (const InputError&) {
     return "";
   }
-}
-
-std::string checksum_of(const std::vector<std::string>& sums) {
-  Sha256 sum;
-  for (const std::string& text : sums) sum.add(text);
-  return sum.hex();
-}
-
-// Rethrows the error with the command that makes the file.
-[[noreturn]] void fail_with_command(const InputError& error, const std::string& command) {
-  throw Error(ErrorKind::kInput, fmt::format("{}; run: {}", error.what(), command));
-}
-
-void describe(const ClusterModels& cluster, ShardReport& report) {
-  report.count = static_cast<std::int64_t>(cluster.images.size());
-  report.own = static_cast<int>(std::count(cluster.is_own.begin(), cluster.is_own.end(), 1));
-  report.registered = cluster.registered();
-  report.models = static_cast<int>(cluster.models.size());
-}
-
-// Checksum of shards and of what they were made from.
-std::string checksum_of_shards(const std::string& from, const std::vector<ShardInfo>& shards) {
-  std::vector<std::string> sums{from};
-  for (const ShardInfo& info : shards) sums.push_back(info.sha256);
-  return checksum_of(sums);
 }
 
 // The model with the images and cameras of all clusters.
@@ -100,219 +72,40 @@ Model model_of(const PackedModel& packed, const ClusterModels& cluster, const Ma
 
 int overlap_of(int cluster_size) { return std::clamp(cluster_size / 5, kMinOverlap, kMaxOverlap); }
 
-void check_matches(const Pair& pair, std::size_t first, std::size_t second, const std::string& path,
-                   const std::string& command) {
-  for (const Match& match : pair.view.inliers) {
-    if (match.first < 0 || at(match.first) >= first || match.second < 0 ||
-        at(match.second) >= second)
-      fail_with_command(
-          InputError(path, "is damaged: a match refers to a feature that does not exist"), command);
-  }
-}
-
 }  // namespace
 
-// Image indices are those among all readable images, in the order of the plan.
-class ShardedReconstructor::ReadableImages {
- public:
-  ReadableImages(const Plan& plan, std::vector<ShardInfo> infos) : infos_(std::move(infos)) {
-    std::vector<std::string> sums;
-    for (const ShardInfo& info : infos_) {
-      sums.push_back(info.sha256);
-      first_.push_back(static_cast<int>(names_.size()));
-      const ShardRange range =
-          range_of_shard(static_cast<std::int64_t>(plan.images.size()), info.shard, info.shards);
-      auto left_out = info.left_out.begin();
-      for (std::int64_t i = range.first; i < range.last; ++i) {
-        if (left_out != info.left_out.end() && left_out->first == i)
-          ++left_out;
-        else
-          add(plan.images[at(i)], static_cast<int>(i));
-      }
-    }
-    key_ = checksum_of(sums);
-  }
-
-  [[nodiscard]] int count() const { return static_cast<int>(names_.size()); }
-  [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
-  [[nodiscard]] const KnownPositions& places() const { return places_; }
-  [[nodiscard]] const std::vector<ShardInfo>& infos() const { return infos_; }
-  [[nodiscard]] const std::string& key() const { return key_; }  // checksum of all features
-  // The index of an image in the plan.
-  [[nodiscard]] int input_of(int image) const { return inputs_[at(image)]; }
-  // The index of the first image of infos()[shard].
-  [[nodiscard]] int first_of(std::size_t shard) const { return first_[shard]; }
-  [[nodiscard]] std::size_t shard_of(int image) const {
-    return at(std::upper_bound(first_.begin(), first_.end(), image) - first_.begin() - 1);
-  }
-
- private:
-  void add(const PlannedImage& image, int input) {
-    inputs_.push_back(input);
-    names_.push_back(image.name);
-    places_.push_back(image.place);
-  }
-
-  std::vector<ShardInfo> infos_;
-  std::vector<std::string> names_;
-  std::vector<int> inputs_;
-  KnownPositions places_;
-  std::vector<int> first_;
-  std::string key_;
-};
-
-nlohmann::ordered_json to_json(const ShardReport& report) {
-  if (report.stage == ShardStage::kModel) {
-    return {{"stage", "map"},
-            {"cluster", {report.shard, report.shards}},
-            {"images", report.count},
-            {"own", report.own},
-            {"registered", report.registered},
-            {"models", report.models},
-            {"was_done", report.was_done},
-            {"output", report.path}};
-  }
-  return {{"stage", name_of(report.stage)},
-          {"shard", {report.shard, report.shards}},
-          {report.stage == ShardStage::kFeatures ? "images" : "pairs", report.count},
-          {"left_out", report.left_out},
-          {"was_done", report.was_done},
-          {"output", report.path}};
-}
-
-ShardedReconstructor::ShardedReconstructor(std::string folder)
-    : folder_(std::move(folder)), plan_(read_plan(folder_)) {
-  plan_.options = seeded(plan_.options);
-}
+ShardedReconstructor::ShardedReconstructor(std::string folder) : shards_(std::move(folder)) {}
 
 bool ShardedReconstructor::has_pairs_stage() const {
-  return pair_choice(plan_.options, static_cast<int>(plan_.images.size())) ==
+  return pair_choice(plan().options, static_cast<int>(plan().images.size())) ==
          PairChoice::kRetrieval;
-}
-
-int ShardedReconstructor::count_of(ShardStage stage) const {
-  return stage == ShardStage::kModel ? plan_.clusters() : plan_.shards;
-}
-
-std::string ShardedReconstructor::path_of(ShardStage stage, int shard) const {
-  return shard_path(folder_, stage, shard, count_of(stage));
-}
-
-std::string ShardedReconstructor::command_of(ShardStage stage, int shard) const {
-  return shard_command(folder_, stage, shard, count_of(stage));
 }
 
 ReconstructorOptions ShardedReconstructor::planned(const ReconstructorOptions& options) const {
   ReconstructorOptions how = options;
-  how.pipeline = plan_.options;
+  how.pipeline = plan().options;
   how.pipeline.cache_folder = options.pipeline.cache_folder;
   how.pipeline.memory_gb = options.pipeline.memory_gb;
   how.pipeline.checkpoint_s = options.pipeline.checkpoint_s;
   return how;
 }
 
-bool ShardedReconstructor::is_done(ShardStage stage, int shard, const std::string& from,
-                                   ShardReport& report) const {
-  try {
-    const ShardInfo info = require(stage, shard, from);
-    report = {};
-    report.stage = stage;
-    report.shard = info.shard;
-    report.shards = info.shards;
-    report.count = info.count;
-    report.left_out = static_cast<int>(info.left_out.size());
-    report.was_done = true;
-    report.path = path_of(stage, shard);
-    if (stage == ShardStage::kFeatures) (void)load_features(info);
-    if (stage == ShardStage::kPairs) (void)read_image_pairs(report.path, info.sha256);
-    if (stage == ShardStage::kMatch) (void)read_match_shard(report.path, info.sha256);
-    if (stage == ShardStage::kModel)
-      describe(read_cluster_models(report.path, info.sha256), report);
-    return true;
-  } catch (const Error&) {
-    return false;
-  }
-}
-
-ShardReport ShardedReconstructor::finish(ShardInfo info) const {
-  info.shards = count_of(info.stage);
-  info.plan = plan_.key;
-  ShardReport report;
-  report.path = path_of(info.stage, info.shard);
-  write_shard_info(report.path, info);
-  report.stage = info.stage;
-  report.shard = info.shard;
-  report.shards = info.shards;
-  report.count = info.count;
-  report.left_out = static_cast<int>(info.left_out.size());
-  return report;
-}
-
-ShardInfo ShardedReconstructor::require(ShardStage stage, int shard,
-                                        const std::string& from) const {
-  const std::string path = path_of(stage, shard);
-  const ShardInfo info = read_shard_info(path);
-  if (info.stage != stage || info.shard != shard || info.shards != count_of(stage) ||
-      info.plan != plan_.key)
-    throw InputError(path, "belongs to another plan");
-  if (info.from != from)
-    throw InputError(path, "was computed from other features, pairs or matches");
-  if (stage == ShardStage::kFeatures) {
-    const ShardRange range =
-        range_of_shard(static_cast<std::int64_t>(plan_.images.size()), shard, plan_.shards);
-    const bool fits = std::all_of(
-        info.left_out.begin(), info.left_out.end(),
-        [&](const auto& entry) { return entry.first >= range.first && entry.first < range.last; });
-    if (!fits || info.count + static_cast<std::int64_t>(info.left_out.size()) != range.size())
-      throw InputError(path + ".done", "is not a valid description of a shard");
-  }
-  return info;
-}
-
-std::vector<ShardInfo> ShardedReconstructor::require_all(ShardStage stage,
-                                                         const std::string& from) const {
-  std::vector<ShardInfo> infos;
-  std::vector<int> missing;
-  std::string first;
-  const int count = count_of(stage);
-  for (int shard = 1; shard <= count; ++shard) {
-    try {
-      infos.push_back(require(stage, shard, from));
-    } catch (const InputError& error) {
-      if (missing.empty()) first = error.what();
-      missing.push_back(shard);
-    }
-  }
-  if (missing.empty()) return infos;
-  const std::string command = command_of(stage, missing.front());
-  if (missing.size() > 1) {
-    constexpr std::size_t kMaxListed = 10;
-    const std::span<const int> listed =
-        std::span(missing).first(std::min(kMaxListed, missing.size()));
-    first += fmt::format("; {} of {} {} cannot be used: {}{}", missing.size(), count,
-                         stage == ShardStage::kModel ? "clusters" : "shards",
-                         fmt::join(listed, " "), missing.size() > kMaxListed ? " .." : "");
-  }
-  throw Error(ErrorKind::kInput, fmt::format("{}; run: {}", first, command));
-}
-
 ShardReport ShardedReconstructor::find_features(int shard, Progress& progress,
                                                 const std::stop_token& stop) const {
-  TARSIER_REQUIRE(shard >= 1 && shard <= plan_.shards, "shard {}: expected 1..{}", shard,
-                  plan_.shards);
-  ShardReport report;
-  if (is_done(ShardStage::kFeatures, shard, "", report)) return report;
+  TARSIER_REQUIRE(shard >= 1 && shard <= plan().shards, "shard {}: expected 1..{}", shard,
+                  plan().shards);
+  if (const auto done = shards_.completed(ShardStage::kFeatures, shard, "")) return *done;
   ShardInfo info;
   info.stage = ShardStage::kFeatures;
   info.shard = shard;
   const ShardRange range =
-      range_of_shard(static_cast<std::int64_t>(plan_.images.size()), shard, plan_.shards);
+      range_of_shard(static_cast<std::int64_t>(plan().images.size()), shard, plan().shards);
   const Cache none("");
   std::vector<ImageFeatures> images;
   progress.begin("features", range.size(), "images");
   for (std::int64_t i = range.first; i < range.last; ++i) {
     throw_if_stopped(stop);
-    const PlannedImage& planned = plan_.images[at(i)];
+    const PlannedImage& planned = plan().images[at(i)];
     ImageFeatures image;
     image.input = static_cast<int>(i);
     const auto expect_same = [&](bool same) {
@@ -322,9 +115,9 @@ ShardReport ShardedReconstructor::find_features(int shard, Progress& progress,
                          "`tarsier sfm plan` again");
     };
     try {
-      const cv::Mat pixels = read_input_image({planned.name, planned.path}, plan_.options, image);
-      expect_same(image.key == features_key(planned.sha256, plan_.options.features));
-      (void)find_image_features(pixels, plan_.options, none, image);
+      const cv::Mat pixels = read_input_image({planned.name, planned.path}, plan().options, image);
+      expect_same(image.key == features_key(planned.sha256, plan().options.features));
+      (void)find_image_features(pixels, plan().options, none, image);
       images.push_back(std::move(image));
     } catch (const InputError& error) {
       // Left out only where it was unreadable during planning, too.
@@ -336,52 +129,22 @@ ShardReport ShardedReconstructor::find_features(int shard, Progress& progress,
   }
   progress.end();
   info.count = static_cast<std::int64_t>(images.size());
-  info.sha256 = write_feature_shard(path_of(info.stage, shard), images);
-  return finish(std::move(info));
-}
-
-std::vector<ImageFeatures> ShardedReconstructor::load_features(const ShardInfo& info) const {
-  const std::string path = path_of(ShardStage::kFeatures, info.shard);
-  try {
-    std::vector<ImageFeatures> images = read_feature_shard(path, info.sha256);
-    const ShardRange range =
-        range_of_shard(static_cast<std::int64_t>(plan_.images.size()), info.shard, info.shards);
-    std::size_t k = 0;
-    auto left_out = info.left_out.begin();
-    for (std::int64_t i = range.first; i < range.last; ++i) {
-      if (left_out != info.left_out.end() && left_out->first == i) {
-        ++left_out;
-        continue;
-      }
-      if (k == images.size() || images[k].input != i ||
-          images[k].key != features_key(plan_.images[at(i)].sha256, plan_.options.features)) {
-        throw InputError(path, "contains features of other images or options");
-      }
-      const cv::Mat& descriptors = images[k++].features.descriptors;
-      if (plan_.options.features.kind == FeatureKind::kSift && !descriptors.empty() &&
-          descriptors.cols != kSiftColumns)
-        throw InputError(path, "is damaged: descriptors have a wrong length");
-    }
-    if (k != images.size()) throw InputError(path, "contains features of other images or options");
-    return images;
-  } catch (const InputError& error) {
-    throw Error(ErrorKind::kInput,
-                fmt::format("{}; run: {}", error.what(), command_of(info.stage, info.shard)));
-  }
+  info.sha256 = write_feature_shard(shards_.path_of(info.stage, shard), images);
+  return shards_.finish(std::move(info));
 }
 
 ShardReport ShardedReconstructor::choose_pairs(Progress& progress,
                                                const std::stop_token& stop) const {
-  const ReadableImages readable(plan_, require_all(ShardStage::kFeatures, ""));
+  const ReadableImages readable = shards_.readable_images();
   ShardReport report;
-  if (pair_choice(plan_.options, readable.count()) != PairChoice::kRetrieval) {
+  if (pair_choice(plan().options, readable.count()) != PairChoice::kRetrieval) {
     report.stage = ShardStage::kPairs;
-    report.shards = plan_.shards;
-    report.count = static_cast<std::int64_t>(pairs_of(readable).first.size());
+    report.shards = plan().shards;
+    report.count = static_cast<std::int64_t>(shards_.pairs(readable).pairs.size());
     report.was_done = true;
     return report;
   }
-  if (is_done(ShardStage::kPairs, 1, readable.key(), report)) return report;
+  if (const auto done = shards_.completed(ShardStage::kPairs, 1, readable.key())) return *done;
   // Images are requested in their order, so only one shard is in memory.
   std::optional<std::size_t> loaded;
   std::vector<ImageFeatures> images;
@@ -389,55 +152,35 @@ ShardReport ShardedReconstructor::choose_pairs(Progress& progress,
     throw_if_stopped(stop);
     const std::size_t shard = readable.shard_of(image);
     if (loaded != shard) {
-      images = load_features(readable.infos()[shard]);
+      images = shards_.features(readable.infos()[shard]);
       loaded = shard;
     }
     return images[at(image - readable.first_of(shard))].features.descriptors;
   };
   progress.begin("pairs", 1, "steps");
   const std::vector<ImagePair> pairs =
-      sfm::choose_pairs(readable.names(), readable.places(), descriptors, plan_.options);
+      sfm::choose_pairs(readable.names(), readable.places(), descriptors, plan().options);
   progress.advance();
   progress.end();
   ShardInfo info;
   info.stage = ShardStage::kPairs;
   info.from = readable.key();
   info.count = static_cast<std::int64_t>(pairs.size());
-  info.sha256 = write_image_pairs(path_of(info.stage, 1), pairs);
-  return finish(std::move(info));
-}
-
-std::pair<std::vector<ImagePair>, std::string> ShardedReconstructor::pairs_of(
-    const ReadableImages& readable) const {
-  if (pair_choice(plan_.options, readable.count()) != PairChoice::kRetrieval)
-    return {sfm::choose_pairs(readable.names(), readable.places(), {}, plan_.options),
-            readable.key()};
-  const std::string path = path_of(ShardStage::kPairs, 1);
-  try {
-    const ShardInfo info = require(ShardStage::kPairs, 1, readable.key());
-    std::vector<ImagePair> pairs = read_image_pairs(path, info.sha256);
-    for (const auto& [first, second] : pairs)
-      if (second >= readable.count())
-        throw InputError(path, "is damaged: a pair refers to an image that does not exist");
-    return {std::move(pairs), checksum_of({readable.key(), info.sha256})};
-  } catch (const InputError& error) {
-    throw Error(ErrorKind::kInput,
-                fmt::format("{}; run: {}", error.what(), command_of(ShardStage::kPairs, 1)));
-  }
+  info.sha256 = write_image_pairs(shards_.path_of(info.stage, 1), pairs);
+  return shards_.finish(std::move(info));
 }
 
 ShardReport ShardedReconstructor::match(int shard, Progress& progress,
                                         const std::stop_token& stop) const {
-  TARSIER_REQUIRE(shard >= 1 && shard <= plan_.shards, "shard {}: expected 1..{}", shard,
-                  plan_.shards);
+  TARSIER_REQUIRE(shard >= 1 && shard <= plan().shards, "shard {}: expected 1..{}", shard,
+                  plan().shards);
   (void)choose_pairs(progress, stop);
-  const ReadableImages readable(plan_, require_all(ShardStage::kFeatures, ""));
-  const auto [all, from] = pairs_of(readable);
-  ShardReport report;
-  if (is_done(ShardStage::kMatch, shard, from, report)) return report;
+  const ReadableImages readable = shards_.readable_images();
+  const auto [all, from] = shards_.pairs(readable);
+  if (const auto done = shards_.completed(ShardStage::kMatch, shard, from)) return *done;
 
   const ShardRange range =
-      range_of_shard(static_cast<std::int64_t>(all.size()), shard, plan_.shards);
+      range_of_shard(static_cast<std::int64_t>(all.size()), shard, plan().shards);
   const std::span<const ImagePair> chosen =
       std::span(all).subspan(at(range.first), at(range.size()));
   std::vector<bool> is_needed(at(readable.count()), false);
@@ -451,7 +194,7 @@ ShardReport ShardedReconstructor::match(int shard, Progress& progress,
     if (std::find(is_needed.begin() + static_cast<std::ptrdiff_t>(first),
                   is_needed.begin() + static_cast<std::ptrdiff_t>(last),
                   true) != is_needed.begin() + static_cast<std::ptrdiff_t>(last)) {
-      std::vector<ImageFeatures> loaded = load_features(readable.infos()[s]);
+      std::vector<ImageFeatures> loaded = shards_.features(readable.infos()[s]);
       for (std::size_t k = 0; k < loaded.size(); ++k)
         if (is_needed[first + k]) images[first + k] = std::move(loaded[k]);
     }
@@ -470,7 +213,7 @@ ShardReport ShardedReconstructor::match(int shard, Progress& progress,
             Pair& pair = pairs[at(k)];
             pair.first = chosen[at(k)].first;
             pair.second = chosen[at(k)].second;
-            compare_images(images[at(pair.first)], images[at(pair.second)], plan_.options, pair);
+            compare_images(images[at(pair.first)], images[at(pair.second)], plan().options, pair);
             progress.advance();
           }
         });
@@ -482,8 +225,8 @@ ShardReport ShardedReconstructor::match(int shard, Progress& progress,
   info.shard = shard;
   info.from = from;
   info.count = range.size();
-  info.sha256 = write_match_shard(path_of(info.stage, shard), pairs);
-  return finish(std::move(info));
+  info.sha256 = write_match_shard(shards_.path_of(info.stage, shard), pairs);
+  return shards_.finish(std::move(info));
 }
 
 void ShardedReconstructor::load(MatchedImages& matched, const ReadableImages& readable,
@@ -494,39 +237,20 @@ void ShardedReconstructor::load(MatchedImages& matched, const ReadableImages& re
                  "shards");
   for (const ShardInfo& info : readable.infos()) {
     throw_if_stopped(stop);
-    for (ImageFeatures& image : load_features(info)) matched.images.push_back(std::move(image));
+    for (ImageFeatures& image : shards_.features(info)) matched.images.push_back(std::move(image));
     matched.left_out.insert(matched.left_out.end(), info.left_out.begin(), info.left_out.end());
     progress.advance();
   }
   for (const ShardInfo& info : matches) {
     throw_if_stopped(stop);
-    for (Pair& pair : load_matches(info, pairs)) {
-      check_matches(pair, matched.images[at(pair.first)].features.points.size(),
-                    matched.images[at(pair.second)].features.points.size(),
-                    path_of(ShardStage::kMatch, info.shard),
-                    command_of(ShardStage::kMatch, info.shard));
+    for (Pair& pair : shards_.matches(info, pairs)) {
+      shards_.check_matches(info, pair, matched.images[at(pair.first)].features.points.size(),
+                            matched.images[at(pair.second)].features.points.size());
       matched.pairs.push_back(std::move(pair));
     }
     progress.advance();
   }
   progress.end();
-}
-
-std::vector<Pair> ShardedReconstructor::load_matches(const ShardInfo& info,
-                                                     const std::vector<ImagePair>& pairs) const {
-  const std::string path = path_of(ShardStage::kMatch, info.shard);
-  const ShardRange range =
-      range_of_shard(static_cast<std::int64_t>(pairs.size()), info.shard, info.shards);
-  try {
-    std::vector<Pair> some = read_match_shard(path, info.sha256);
-    bool fits = static_cast<std::int64_t>(some.size()) == range.size();
-    for (std::size_t k = 0; fits && k < some.size(); ++k)
-      fits = ImagePair(some[k].first, some[k].second) == pairs[at(range.first) + k];
-    if (!fits) throw InputError(path, "contains other pairs than the selected ones");
-    return some;
-  } catch (const InputError& error) {
-    fail_with_command(error, command_of(ShardStage::kMatch, info.shard));
-  }
 }
 
 std::vector<ViewCluster> ShardedReconstructor::find_clusters(const ReadableImages& readable,
@@ -538,17 +262,17 @@ std::vector<ViewCluster> ShardedReconstructor::find_clusters(const ReadableImage
   progress.begin("clusters", static_cast<std::int64_t>(matches.size()), "shards");
   for (const ShardInfo& info : matches) {
     throw_if_stopped(stop);
-    for (const Pair& pair : load_matches(info, pairs))
+    for (const Pair& pair : shards_.matches(info, pairs))
       if (!pair.view.inliers.empty())
         edges.push_back({pair.first, pair.second, static_cast<double>(pair.view.inliers.size())});
     progress.advance();
   }
   progress.end();
   ClusterOptions how;
-  how.clusters = plan_.clusters();
-  how.max_size = plan_.cluster_size;
-  how.overlap = overlap_of(plan_.cluster_size);
-  how.seed = plan_.options.seed;
+  how.clusters = plan().clusters();
+  how.max_size = plan().cluster_size;
+  how.overlap = overlap_of(plan().cluster_size);
+  how.seed = plan().options.seed;
   return cluster_view_graph(readable.count(), edges, how, stop);
 }
 
@@ -566,7 +290,7 @@ void ShardedReconstructor::load_cluster(MatchedImages& matched, const ReadableIm
     const auto last = first + static_cast<int>(readable.infos()[s].count);
     const auto begin = std::lower_bound(images.begin(), images.end(), first);
     if (begin == images.end() || *begin >= last) continue;
-    std::vector<ImageFeatures> loaded = load_features(readable.infos()[s]);
+    std::vector<ImageFeatures> loaded = shards_.features(readable.infos()[s]);
     for (auto image = begin; image != images.end() && *image < last; ++image) {
       ImageFeatures& features = matched.images[at(index_of[at(*image)])];
       features = std::move(loaded[at(*image - first)]);
@@ -575,14 +299,12 @@ void ShardedReconstructor::load_cluster(MatchedImages& matched, const ReadableIm
   }
   for (const ShardInfo& info : matches) {
     throw_if_stopped(stop);
-    for (Pair& pair : load_matches(info, pairs)) {
+    for (Pair& pair : shards_.matches(info, pairs)) {
       pair.first = index_of[at(pair.first)];
       pair.second = index_of[at(pair.second)];
       if (pair.first < 0 || pair.second < 0) continue;
-      check_matches(pair, matched.images[at(pair.first)].features.points.size(),
-                    matched.images[at(pair.second)].features.points.size(),
-                    path_of(ShardStage::kMatch, info.shard),
-                    command_of(ShardStage::kMatch, info.shard));
+      shards_.check_matches(info, pair, matched.images[at(pair.first)].features.points.size(),
+                            matched.images[at(pair.second)].features.points.size());
       matched.pairs.push_back(std::move(pair));
     }
   }
@@ -591,14 +313,13 @@ void ShardedReconstructor::load_cluster(MatchedImages& matched, const ReadableIm
 ShardReport ShardedReconstructor::map_cluster(int cluster, const ReconstructorOptions& options,
                                               Progress& progress,
                                               const std::stop_token& stop) const {
-  const int count = plan_.clusters();
+  const int count = plan().clusters();
   TARSIER_REQUIRE(cluster >= 1 && cluster <= count, "cluster {}: expected 1..{}", cluster, count);
-  const ReadableImages readable(plan_, require_all(ShardStage::kFeatures, ""));
-  const auto [pairs, from_pairs] = pairs_of(readable);
-  const std::vector<ShardInfo> matches = require_all(ShardStage::kMatch, from_pairs);
+  const ReadableImages readable = shards_.readable_images();
+  const auto [pairs, from_pairs] = shards_.pairs(readable);
+  const std::vector<ShardInfo> matches = shards_.require_all(ShardStage::kMatch, from_pairs);
   const std::string from = checksum_of_shards(from_pairs, matches);
-  ShardReport report;
-  if (is_done(ShardStage::kModel, cluster, from, report)) return report;
+  if (const auto done = shards_.completed(ShardStage::kModel, cluster, from)) return *done;
 
   const ViewCluster chosen =
       find_clusters(readable, pairs, matches, progress, stop)[at(cluster - 1)];
@@ -615,10 +336,10 @@ ShardReport ShardedReconstructor::map_cluster(int cluster, const ReconstructorOp
     if (!options.cache)
       how.cache_folder.clear();
     else if (how.cache_folder.empty())
-      how.cache_folder = (std::filesystem::path(folder_) / "cache").string();
+      how.cache_folder = (std::filesystem::path(shards_.path()) / "cache").string();
     if (!how.cache_folder.empty()) make_folder(how.cache_folder);
     std::vector<Input> inputs;
-    const std::vector<Input> all = plan_.inputs();
+    const std::vector<Input> all = plan().inputs();
     for (const int image : made.images) inputs.push_back(all[at(readable.input_of(image))]);
     PipelineHooks hooks;
     hooks.matched = [&, &chosen_pairs = pairs](MatchedImages& matched) {
@@ -644,8 +365,8 @@ ShardReport ShardedReconstructor::map_cluster(int cluster, const ReconstructorOp
   info.shard = cluster;
   info.from = from;
   info.count = static_cast<std::int64_t>(made.images.size());
-  info.sha256 = write_cluster_models(path_of(info.stage, cluster), made);
-  report = finish(std::move(info));
+  info.sha256 = write_cluster_models(shards_.path_of(info.stage, cluster), made);
+  ShardReport report = shards_.finish(std::move(info));
   describe(made, report);
   return report;
 }
@@ -658,7 +379,7 @@ MappedParts ShardedReconstructor::load_parts(const std::vector<ShardInfo>& infos
   for (std::size_t k = 0; k < input.pairs.size(); ++k)
     pairs[{input.pairs[k].first, input.pairs[k].second}] = k;
   for (const ShardInfo& info : infos) {
-    const std::string path = path_of(ShardStage::kModel, info.shard);
+    const std::string path = shards_.path_of(ShardStage::kModel, info.shard);
     try {
       const ClusterModels cluster = read_cluster_models(path, info.sha256);
       std::vector<Image> images;
@@ -684,7 +405,7 @@ MappedParts ShardedReconstructor::load_parts(const std::vector<ShardInfo>& infos
                                       cluster.registered(), cluster.images.size(),
                                       cluster.models.size()));
     } catch (const InputError& error) {
-      fail_with_command(error, command_of(ShardStage::kModel, info.shard));
+      shards_.fail(error, ShardStage::kModel, info.shard);
     }
   }
   return parts;
@@ -693,15 +414,15 @@ MappedParts ShardedReconstructor::load_parts(const std::vector<ShardInfo>& infos
 ReconstructorResult ShardedReconstructor::merge(const ReconstructorOptions& options,
                                                 Progress& progress, const std::stop_token& stop,
                                                 const ReconstructorHooks& hooks) const {
-  if (plan_.clusters() == 0)
-    throw InputError(folder_,
+  if (plan().clusters() == 0)
+    throw InputError(shards_.path(),
                      "the plan has no clusters: make a plan with `tarsier sfm plan "
                      "--cluster-size`, or map all images together with `tarsier sfm map`");
-  const ReadableImages readable(plan_, require_all(ShardStage::kFeatures, ""));
-  const auto [pairs, from] = pairs_of(readable);
-  const std::vector<ShardInfo> matches = require_all(ShardStage::kMatch, from);
+  const ReadableImages readable = shards_.readable_images();
+  const auto [pairs, from] = shards_.pairs(readable);
+  const std::vector<ShardInfo> matches = shards_.require_all(ShardStage::kMatch, from);
   const std::vector<ShardInfo> clusters =
-      require_all(ShardStage::kModel, checksum_of_shards(from, matches));
+      shards_.require_all(ShardStage::kModel, checksum_of_shards(from, matches));
   ReconstructorHooks mapping = hooks;
   mapping.matched = [&, &chosen = pairs](MatchedImages& matched) {
     load(matched, readable, chosen, matches, progress, stop);
@@ -711,20 +432,20 @@ ReconstructorResult ShardedReconstructor::merge(const ReconstructorOptions& opti
     return map_joined(input, mapper, load_parts(clusters, input), progress, stop, checkpoints);
   };
   mapping.map_key = checksum_of_shards("", clusters);
-  return Reconstructor(planned(options)).run_images(plan_.inputs(), progress, stop, mapping);
+  return Reconstructor(planned(options)).run_images(plan().inputs(), progress, stop, mapping);
 }
 
 ReconstructorResult ShardedReconstructor::map(const ReconstructorOptions& options,
                                               Progress& progress, const std::stop_token& stop,
                                               const ReconstructorHooks& hooks) const {
-  const ReadableImages readable(plan_, require_all(ShardStage::kFeatures, ""));
-  const auto [pairs, from] = pairs_of(readable);
-  const std::vector<ShardInfo> matches = require_all(ShardStage::kMatch, from);
+  const ReadableImages readable = shards_.readable_images();
+  const auto [pairs, from] = shards_.pairs(readable);
+  const std::vector<ShardInfo> matches = shards_.require_all(ShardStage::kMatch, from);
   ReconstructorHooks mapping = hooks;
   mapping.matched = [&, &chosen = pairs](MatchedImages& matched) {
     load(matched, readable, chosen, matches, progress, stop);
   };
-  return Reconstructor(planned(options)).run_images(plan_.inputs(), progress, stop, mapping);
+  return Reconstructor(planned(options)).run_images(plan().inputs(), progress, stop, mapping);
 }
 
 }  // namespace tarsier::sfm

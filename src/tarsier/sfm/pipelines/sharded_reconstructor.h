@@ -4,35 +4,14 @@
 #include "tarsier/core/progress.h"
 #include "tarsier/sfm/global/view_graph_clusters.h"
 #include "tarsier/sfm/mapper/joined_mapper.h"
-#include "tarsier/sfm/pipelines/plan.h"
 #include "tarsier/sfm/pipelines/reconstructor.h"
-#include "tarsier/sfm/pipelines/shard_files.h"
+#include "tarsier/sfm/pipelines/shard_folder.h"
 
-#include <cstdint>
-#include <nlohmann/json_fwd.hpp>
 #include <stop_token>
 #include <string>
-#include <utility>
 #include <vector>
 
 namespace tarsier::sfm {
-
-// The result of processing one shard.
-struct ShardReport {
-  ShardStage stage = ShardStage::kFeatures;
-  int shard = 1;
-  int shards = 1;
-  std::int64_t count = 0;  // images with features, or pairs; for a cluster its images
-  int left_out = 0;        // images that could not be read
-  int own = 0;            // only of a cluster: its own images, without those shared from neighbours
-  int registered = 0;     // only of a cluster: images in models
-  int models = 0;         // only of a cluster: number of models
-  bool was_done = false;  // an earlier run had completed the shard
-  std::string path;       // path of the file
-};
-// {"stage", "shard": [i, N], "images" or "pairs", "left_out", "was_done", "output"}; for a cluster
-// {"stage", "cluster": [i, N], "images", "own", "registered", "models", "was_done", "output"}.
-[[nodiscard]] nlohmann::ordered_json to_json(const ShardReport& report);
 
 // One reconstruction by many runs, on one machine or on several that share a folder. Each shard
 // writes a file and a .done file to the folder of the plan (shard_files.h). map() makes the model
@@ -66,7 +45,7 @@ class ShardedReconstructor {
   // Throws InputError (plan).
   explicit ShardedReconstructor(std::string folder);
 
-  [[nodiscard]] const Plan& plan() const { return plan_; }
+  [[nodiscard]] const Plan& plan() const { return shards_.plan(); }
   // Whether pairs are found by image retrieval. Then choosing them is a stage after all features
   // and before all matches.
   [[nodiscard]] bool has_pairs_stage() const;
@@ -101,33 +80,17 @@ class ShardedReconstructor {
                                           const ReconstructorHooks& hooks = {}) const;
 
  private:
-  class ReadableImages;  // the readable images, and the files of their features
-
-  [[nodiscard]] int count_of(ShardStage stage) const;  // number of shards or clusters
-  [[nodiscard]] std::string path_of(ShardStage stage, int shard) const;
-  [[nodiscard]] std::string command_of(ShardStage stage, int shard) const;
-  [[nodiscard]] bool is_done(ShardStage stage, int shard, const std::string& from,
-                             ShardReport& report) const;
-  [[nodiscard]] ShardReport finish(ShardInfo info) const;
-  [[nodiscard]] ShardInfo require(ShardStage stage, int shard, const std::string& from) const;
-  [[nodiscard]] std::vector<ShardInfo> require_all(ShardStage stage, const std::string& from) const;
-  [[nodiscard]] std::vector<ImageFeatures> load_features(const ShardInfo& info) const;
-  // All pairs, and the checksum of what pairs and matches depend on.
-  [[nodiscard]] std::pair<std::vector<ImagePair>, std::string> pairs_of(
-      const ReadableImages& readable) const;
+  // Adds features and matches of all shards.
   void load(MatchedImages& matched, const ReadableImages& readable,
             const std::vector<ImagePair>& pairs, const std::vector<ShardInfo>& matches,
             Progress& progress, const std::stop_token& stop) const;
-
-  // The matches of a shard, checked against its pairs.
-  [[nodiscard]] std::vector<Pair> load_matches(const ShardInfo& info,
-                                               const std::vector<ImagePair>& pairs) const;
   // The clusters of all readable images.
   [[nodiscard]] std::vector<ViewCluster> find_clusters(const ReadableImages& readable,
                                                        const std::vector<ImagePair>& pairs,
                                                        const std::vector<ShardInfo>& matches,
                                                        Progress& progress,
                                                        const std::stop_token& stop) const;
+  // Adds those of a cluster's images only.
   void load_cluster(MatchedImages& matched, const ReadableImages& readable,
                     const std::vector<int>& images, const std::vector<ImagePair>& pairs,
                     const std::vector<ShardInfo>& matches, const std::stop_token& stop) const;
@@ -135,8 +98,7 @@ class ShardedReconstructor {
                                        const MapperInput& input) const;
   [[nodiscard]] ReconstructorOptions planned(const ReconstructorOptions& options) const;
 
-  std::string folder_;
-  Plan plan_;
+  ShardFolder shards_;
 };
 
 }  // namespace tarsier::sfm
