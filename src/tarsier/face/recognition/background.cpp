@@ -7,6 +7,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/recognition/deep.h"
+#include "tarsier/face/recognition/features.h"
 #include "tarsier/linalg/model_fields.h"
 
 #include <opencv2/core/utility.hpp>
@@ -35,6 +36,36 @@ Eigen::RowVectorXf described(const cv::Mat& face, const BackgroundOptions& optio
 }
 
 }  // namespace
+
+void Background::check() const {
+  TARSIER_REQUIRE(mean.size() > 0 && mean.allFinite() && weight > 0 && weight <= 1000,
+                  "a background of {} numbers, weight {}", mean.size(), weight);
+  const Eigen::Index m = basis.rows();
+  if (m == 0) return;
+  TARSIER_REQUIRE(basis.cols() == mean.size() && basis.allFinite() && variance.size() == m &&
+                      variance.allFinite() && variance.minCoeff() >= 0 && within.rows() == m &&
+                      within.cols() == m && within.allFinite(),
+                  "a background's parts do not fit together");
+  TARSIER_REQUIRE(std::isfinite(residual_variance) && residual_variance >= 0 &&
+                      std::isfinite(within_residual_variance) && within_residual_variance >= 0 &&
+                      within_weight > 0 && within_weight <= 1e6,
+                  "outside {}, within {}, weight {}", residual_variance, within_residual_variance,
+                  within_weight);
+}
+
+Background background_of(std::span<const cv::Mat> faces, const DescriptorOptions& options) {
+  TARSIER_REQUIRE(!faces.empty(), "no faces");
+  Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(descriptor_length(options));
+  for (const auto& face : faces) {
+    const auto values = describe(face, options);
+    sum += Eigen::Map<const Eigen::RowVectorXf>(values.data(),
+                                                static_cast<Eigen::Index>(values.size()))
+               .cast<double>();
+  }
+  Background out;
+  out.mean = (sum / static_cast<double>(faces.size())).cast<float>();
+  return out;
+}
 
 void BackgroundOptions::check() const {
   check_fields(*this);

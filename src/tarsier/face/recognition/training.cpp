@@ -3,14 +3,14 @@
 
 #include "tarsier/core/image.h"
 #include "tarsier/core/require.h"
-#include "tarsier/core/rng.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/recognition/background_space.h"
+#include "tarsier/face/recognition/classical_training.h"
 #include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/features.h"
 #include "tarsier/face/recognition/folds.h"
+#include "tarsier/face/recognition/gallery_prior.h"
 #include "tarsier/face/recognition/recognizer.h"
-#include "tarsier/face/recognition/same_camera.h"
 
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
@@ -30,10 +30,6 @@ constexpr int kMaxComponents = 256;  // of the default recogniser, if not set
 constexpr std::size_t kBasisRows = 480;
 // Prior of the default recogniser's scores if nothing else is known.
 constexpr CalibrationPrior kPrior{0, 0.15, 0.5, 2};
-// Components that a gallery adds to those of a background.
-constexpr int kMaxOwnComponents = 200;
-// Weight of the prior relative to strangers' scores in the gallery itself.
-constexpr double kPriorPeople = 6;
 
 struct Perturbation {
   double dx, dy;  // px, for a face 64 px wide
@@ -107,77 +103,6 @@ std::vector<std::size_t> basis_rows(std::size_t faces, std::size_t copies) {
   return rows;
 }
 
-// Appends to the background's directions those in which the gallery also differs from the mean.
-Rows extended_basis(const Rows& basis, const Rows& centred) {
-  const Rows outside = centred - products(products(centred, basis), Rows(basis.transpose()));
-  const Eigen::RowVectorXf zero = Eigen::RowVectorXf::Zero(centred.cols());
-  const Pca more = principal_components(outside, kMaxOwnComponents, &zero);
-  Rows out(basis.rows() + more.components.rows(), basis.cols());
-  out << basis, more.components;
-  return out;
-}
-
-// The background's scatter within people, in its directions and `more` others.
-Eigen::MatrixXd prior_within_scatter(const Background& background, Eigen::Index more) {
-  const Eigen::Index known = background.within.rows();
-  const auto left = static_cast<double>(std::max<Eigen::Index>(1, background.mean.size() - known));
-  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(known + more, known + more);
-  out.topLeftCorner(known, known) = background.within;
-  out.diagonal().tail(more).setConstant(background.within_residual_variance / left);
-  return out;
-}
-
-// Simulates strangers as random deviations from the mean face, distributed as the background's
-// people, and scores them against each person of the gallery.
-CalibrationPrior prior_of(const Recognizer& model, const Background& background) {
-  constexpr int kImpostors = 400;
-  CalibrationPrior prior = background.prior;
-  double sum = 0;
-  double square = 0;
-  double count = 0;
-  Rng rng(20);
-  const Eigen::VectorXf deviation = background.variance.cwiseMax(0).cwiseSqrt().cast<float>();
-  const Eigen::RowVectorXf shift = background.mean - model.mean;
-  Rows in_template = products(background.basis, model.components);  // m x c
-  const Rows shift_in_template = products(Rows(shift), model.components);
-  const Rows shift_in_basis = products(Rows(shift), background.basis);
-  for (int i = 0; i < kImpostors; ++i) {
-    Rows x(1, deviation.size());
-    for (Eigen::Index k = 0; k < deviation.size(); ++k)
-      x(0, k) = deviation(k) * static_cast<float>(rng.normal());
-    Rows probe = x * in_template + shift_in_template;
-    Eigen::VectorXd length(1);
-    length(0) = (x + shift_in_basis).cast<double>().squaredNorm() +
-                std::max(0.0, shift.cast<double>().squaredNorm() -
-                                  shift_in_basis.cast<double>().squaredNorm()) +
-                background.residual_variance;
-    scale_rows(probe, length, model.eigenvalues, model.residual_variance);
-    const std::vector<float> values(probe.data(), probe.data() + probe.size());
-    for (const PersonScore& person : identify_template(model, values)) {
-      sum += person.score;
-      square += person.score * person.score;
-      count += 1;
-    }
-  }
-  const double mean = sum / count;
-  const SameCameraAdjustment& camera = same_camera_adjustment(model.options.algorithm);
-  prior.location = mean + camera.shift;
-  prior.scale =
-      std::max(0.02, camera.spread * std::sqrt(std::max(0.0, square / count - mean * mean)));
-  prior.weight = kPriorPeople;
-  return prior;
-}
-
-// The mean that is subtracted from faces: of the gallery and the background, by their weights. One
-// person gives no information on the mean of people.
-Eigen::RowVectorXf mean_of(const Eigen::RowVectorXf& own, int people,
-                           const Background* background) {
-  if (background == nullptr) return own;
-  const double weight = people > 1 ? people : 0;
-  const double share = weight / (weight + background->weight);
-  return static_cast<float>(share) * own + static_cast<float>(1 - share) * background->mean;
-}
-
 // Sets the whitened directions of the model from the folds' data.
 void whiten(Recognizer& model, const CrossValidation& validation, const Rows& components,
             bool has_background_basis) {
@@ -205,79 +130,7 @@ void require_network(const Background* background) {
   TARSIER_REQUIRE(background->basis.rows() > 0, "a background of a mean alone");
 }
 
-// Eigenfaces and Fisherfaces: their distances have no fixed scale, so there is no prior.
-void calibrate_pixels(Recognizer& model, const Rows& rows, const std::stop_token& stop) {
-  if (model.labels.size() < 2) return;
-  ScoreSample sample;
-  if (model.people.size() <= kBasisRows) {
-    const Pca pca = principal_components(rows);
-    CrossValidation validation;
-    validation.algorithm = model.options.algorithm;
-    validation.coefficients = products(rows.rowwise() - pca.mean, pca.components).cast<double>();
-    validation.people = model.people;
-    validation.person_count = static_cast<int>(model.labels.size());
-    for (std::size_t i = 0; i < model.people.size(); ++i) validation.basis.push_back(i);
-    validation.max_components = model.options.components;
-    sample = validation.scores(stop);
-  } else {
-    sample = leave_one_out_scores(model, stop);
-  }
-  if (!sample.impostor.empty()) model.calibration = fit_calibration(sample, {0, 1, 0, 0});
-}
-
-void train_fisher(Recognizer& model, const Rows& rows) {
-  const int people = static_cast<int>(model.labels.size());
-  const auto faces = static_cast<int>(rows.rows());
-  if (people < 2) {
-    throw std::invalid_argument("Fisherfaces needs faces of at least two people, there is one");
-  }
-  if (faces <= people)
-    throw std::invalid_argument("Fisherfaces needs more than one image of somebody");
-  const Pca pca = principal_components(rows, faces - people);
-  TARSIER_REQUIRE(pca.components.rows() > 0, "the faces are flat or all the same");
-  const Eigen::MatrixXd coefficients =
-      products(rows.rowwise() - pca.mean, pca.components).cast<double>();
-  Eigen::MatrixXd directions =
-      linear_discriminants(coefficients, model.people, people, &model.eigenvalues);
-  if (model.options.components > 0 && directions.cols() > model.options.components) {
-    directions = directions.leftCols(model.options.components).eval();
-    model.eigenvalues = model.eigenvalues.head(model.options.components).eval();
-  }
-  model.mean = pca.mean;
-  model.components = (directions.transpose() * pca.components.cast<double>()).cast<float>();
-}
-
 }  // namespace
-
-void Background::check() const {
-  TARSIER_REQUIRE(mean.size() > 0 && mean.allFinite() && weight > 0 && weight <= 1000,
-                  "a background of {} numbers, weight {}", mean.size(), weight);
-  const Eigen::Index m = basis.rows();
-  if (m == 0) return;
-  TARSIER_REQUIRE(basis.cols() == mean.size() && basis.allFinite() && variance.size() == m &&
-                      variance.allFinite() && variance.minCoeff() >= 0 && within.rows() == m &&
-                      within.cols() == m && within.allFinite(),
-                  "a background's parts do not fit together");
-  TARSIER_REQUIRE(std::isfinite(residual_variance) && residual_variance >= 0 &&
-                      std::isfinite(within_residual_variance) && within_residual_variance >= 0 &&
-                      within_weight > 0 && within_weight <= 1e6,
-                  "outside {}, within {}, weight {}", residual_variance, within_residual_variance,
-                  within_weight);
-}
-
-Background background_of(std::span<const cv::Mat> faces, const DescriptorOptions& options) {
-  TARSIER_REQUIRE(!faces.empty(), "no faces");
-  Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(descriptor_length(options));
-  for (const auto& face : faces) {
-    const auto values = describe(face, options);
-    sum += Eigen::Map<const Eigen::RowVectorXf>(values.data(),
-                                                static_cast<Eigen::Index>(values.size()))
-               .cast<double>();
-  }
-  Background out;
-  out.mean = (sum / static_cast<double>(faces.size())).cast<float>();
-  return out;
-}
 
 std::vector<std::size_t> training_subset(const std::vector<int>& people, int max) {
   TARSIER_REQUIRE(max >= 1, "at most {} faces", max);
@@ -401,33 +254,8 @@ void Training::Impl::describe(Progress& progress, const std::stop_token& stop) {
 }
 
 void Training::Impl::learn_classical(const std::stop_token& stop) {
-  const RecognizerOptions& options = model.options;
   work = 1e-7 * std::pow(static_cast<double>(rows.rows()), 3) + 50;
-  switch (options.algorithm) {
-    case Algorithm::kEigen: {
-      Pca pca = principal_components(rows, options.components);
-      if (pca.components.rows() == 0) {  // one image: its distance to the mean is zero
-        throw std::invalid_argument("Eigenfaces needs two different images");
-      }
-      model.mean = pca.mean;
-      model.components = std::move(pca.components);
-      model.eigenvalues = std::move(pca.variance);
-      break;
-    }
-    case Algorithm::kFisher:
-      train_fisher(model, rows);
-      break;
-    default:
-      model.templates = rows;
-      break;
-  }
-  throw_if_stopped(stop);
-  if (options.algorithm != Algorithm::kLbph) {
-    model.templates = products(rows.rowwise() - model.mean, model.components);
-    calibrate_pixels(model, rows, stop);
-  } else if (training_people() > 1) {
-    model.calibration = fit_calibration(leave_one_out_scores(model, stop), {0, 1, 0, 0});
-  }
+  train_classical(model, rows, stop);
   next(Stage::kRemainingTemplates);
 }
 
@@ -534,7 +362,7 @@ void Training::Impl::compute_prior() {
   prior = background != nullptr ? background->prior : kPrior;
   if (has_background_basis) {
     model.refresh();
-    prior = prior_of(model, *background);
+    prior = impostor_prior(model, *background);
   }
   work = 20 + 1e-4 * static_cast<double>(model.templates.size());
   sample.gallery = 0;
