@@ -3,7 +3,7 @@
 #
 # Declares the library of the folder src/tarsier/<path>: face/landmarks is the target tarsier::face_landmarks. DEPENDS
 # lists every other module that its files may include; the test architecture/layers checks it. The files of TESTS are
-# linked into one program, face_landmarks_test. CTest runs each file as a separate test, face/landmarks/trees_test. APP:
+# linked into one program, face_landmarks_test. CTest runs each file as a separate test, face/landmarks/tracker_test. APP:
 # the folder is apps/<path>, its headers are included as <path>/.., and it is not installed.
 function(tarsier_module path)
   cmake_parse_arguments(arg "APP" "" "DEPENDS;LIBS;PRIVATE_LIBS;SOURCES;HEADERS;TESTS;TEST_LIBS" ${ARGN})

@@ -21,6 +21,11 @@
 #include "tarsier/face/recognition/recognizer.h"
 #include "tarsier/face/recognition/testing_deep.h"
 #include "tarsier/face/recognition/testing_faces.h"
+#include "tarsier/face/regression/descent.h"
+#include "tarsier/face/regression/gradient_features.h"
+#include "tarsier/face/regression/patches.h"
+#include "tarsier/face/regression/quality.h"
+#include "tarsier/face/regression/trees.h"
 #include "tarsier/face/shape/shape_model.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/atomic_file.h"
@@ -135,11 +140,11 @@ face::shape::ShapeModel small_shape() {
   return model;
 }
 
-face::landmarks::Descent::Stage small_stage(Eigen::Index outputs, Eigen::Index points) {
-  face::landmarks::Descent::Stage stage;
+face::regression::Descent::Stage small_stage(Eigen::Index outputs, Eigen::Index points) {
+  face::regression::Descent::Stage stage;
   stage.scale = {10, 0.2};
-  stage.center = Eigen::VectorXf::Constant(face::landmarks::kDescriptor, 0.1F);
-  stage.components = Eigen::MatrixXf::Identity(face::landmarks::kDescriptor, 1);
+  stage.center = Eigen::VectorXf::Constant(face::regression::kDescriptor, 0.1F);
+  stage.components = Eigen::MatrixXf::Identity(face::regression::kDescriptor, 1);
   stage.weights = Eigen::MatrixXf::Constant(outputs, points, 0.01F);
   stage.bias = Eigen::VectorXf::Constant(outputs, 0.1F);
   return stage;
@@ -153,7 +158,7 @@ void landmark_models() {
   model.shape = shape;
   model.eyes = {0, 1};
   face::landmarks::LandmarkModel trees = model;
-  face::landmarks::Trees::Level level;
+  face::regression::Trees::Level level;
   level.anchor = {0, 3};
   level.offset = Eigen::Matrix2Xf::Constant(2, 2, 0.1F);
   level.first = {0};
@@ -161,13 +166,13 @@ void landmark_models() {
   level.threshold = {3};
   level.basis = Eigen::MatrixXf::Constant(10, 2, 0.001F);
   level.leaves = {5, -5, 4, 3};
-  trees.trees = face::landmarks::Trees{shape.mean, 1, 0.05F, {level, level}};
+  trees.trees = face::regression::Trees{shape.mean, 1, 0.05F, {level, level}};
   face::landmarks::write_landmark_model(seed("landmark_model", "trees.json"), trees, kNothing);
   face::landmarks::LandmarkModel descent = model;
-  descent.descent = face::landmarks::Descent{shape.mean, {small_stage(10, 5)}};
-  descent.quality = face::landmarks::Quality{shape.mean, small_stage(1, 5)};
+  descent.descent = face::regression::Descent{shape.mean, {small_stage(10, 5)}};
+  descent.quality = face::regression::Quality{shape.mean, small_stage(1, 5)};
   face::landmarks::write_landmark_model(seed("landmark_model", "descent.json"), descent, kNothing);
-  face::landmarks::PatchModels patches;
+  face::regression::PatchModels patches;
   patches.reference = shape.mean * 25;
   cv::Mat patch(3, 3, CV_32FC1, cv::Scalar(0));
   patch.at<float>(0, 0) = static_cast<float>(std::sqrt(0.5));

@@ -18,15 +18,10 @@
 #include "tarsier/face/head_view/view_train.h"
 #include "tarsier/face/landmarks/adapt.h"
 #include "tarsier/face/landmarks/alpha_beta_filter.h"
-#include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/hog_detector.h"
 #include "tarsier/face/landmarks/model.h"
-#include "tarsier/face/landmarks/patches.h"
-#include "tarsier/face/landmarks/quality.h"
 #include "tarsier/face/landmarks/tracker.h"
 #include "tarsier/face/landmarks/train_model.h"
-#include "tarsier/face/landmarks/training_face.h"
-#include "tarsier/face/landmarks/trees.h"
 #include "tarsier/face/people/classical.h"
 #include "tarsier/face/people/collector.h"
 #include "tarsier/face/people/eyes.h"
@@ -42,6 +37,14 @@
 #include "tarsier/face/recognition/lbp.h"
 #include "tarsier/face/recognition/normalize.h"
 #include "tarsier/face/recognition/recognizer.h"
+#include "tarsier/face/regression/descent.h"
+#include "tarsier/face/regression/gradient_features.h"
+#include "tarsier/face/regression/patches.h"
+#include "tarsier/face/regression/quality.h"
+#include "tarsier/face/regression/regression_network.h"
+#include "tarsier/face/regression/training_face.h"
+#include "tarsier/face/regression/trees.h"
+#include "tarsier/face/regression/visibility.h"
 #include "tarsier/face/shape/shape_model.h"
 #include "tarsier/face/train/face_turn.h"
 
@@ -70,22 +73,22 @@ std::vector<OptionsCase> face_options() {
       options_case<face::head::TrainHeadOptions>("face::head::TrainHeadOptions"),
       options_case<face::head_view::TrainViewOptions>("face::head_view::TrainViewOptions"),
       options_case<face::landmarks::AdaptOptions>("face::landmarks::AdaptOptions"),
-      options_case<face::landmarks::DescentOptions>("face::landmarks::DescentOptions"),
-      options_case<face::landmarks::FeatureScale>("face::landmarks::FeatureScale"),
+      options_case<face::regression::DescentOptions>("face::regression::DescentOptions"),
+      options_case<face::regression::FeatureScale>("face::regression::FeatureScale"),
       options_case<face::landmarks::HogOptions>("face::landmarks::HogOptions"),
-      options_case<face::landmarks::LoadOptions>("face::landmarks::LoadOptions"),
-      options_case<face::landmarks::QualityOptions>("face::landmarks::QualityOptions"),
+      options_case<face::regression::LoadOptions>("face::regression::LoadOptions"),
+      options_case<face::regression::QualityOptions>("face::regression::QualityOptions"),
       options_case<face::landmarks::FitOptions>("face::landmarks::FitOptions"),
-      options_case<face::landmarks::PatchOptions>("face::landmarks::PatchOptions"),
-      options_case<face::landmarks::PatchFitOptions>("face::landmarks::PatchFitOptions"),
-      options_case<face::landmarks::RegressionNetworkOptions>(
-          "face::landmarks::RegressionNetworkOptions"),
-      options_case<face::landmarks::VisibilityOptions>("face::landmarks::VisibilityOptions"),
+      options_case<face::regression::PatchOptions>("face::regression::PatchOptions"),
+      options_case<face::regression::PatchFitOptions>("face::regression::PatchFitOptions"),
+      options_case<face::regression::RegressionNetworkOptions>(
+          "face::regression::RegressionNetworkOptions"),
+      options_case<face::regression::VisibilityOptions>("face::regression::VisibilityOptions"),
       options_case<face::landmarks::AlphaBetaFilterOptions>(
           "face::landmarks::AlphaBetaFilterOptions"),
       options_case<face::landmarks::TrackerOptions>("face::landmarks::TrackerOptions"),
       options_case<face::landmarks::TrainModelOptions>("face::landmarks::TrainModelOptions"),
-      options_case<face::landmarks::TreesOptions>("face::landmarks::TreesOptions"),
+      options_case<face::regression::TreesOptions>("face::regression::TreesOptions"),
       options_case<face::people::ClassicalOptions>("face::people::ClassicalOptions"),
       options_case<face::people::CollectOptions>("face::people::CollectOptions"),
       options_case<face::people::CropOptions>("face::people::CropOptions"),

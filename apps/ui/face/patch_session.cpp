@@ -36,7 +36,7 @@ void label(cv::Mat& image, const std::string& text, cv::Point at) {
 
 }  // namespace
 
-PatchSession::PatchSession(face::landmarks::PatchModels model, face::shape::ShapeModel shape,
+PatchSession::PatchSession(face::regression::PatchModels model, face::shape::ShapeModel shape,
                            std::optional<PatchImage> image)
     : model_(std::move(model)), shape_(std::move(shape)), image_(std::move(image)) {
   model_.check();
@@ -48,7 +48,7 @@ PatchSession::PatchSession(face::landmarks::PatchModels model, face::shape::Shap
 
 void PatchSession::compute_responses() {
   if (!image_) return;
-  responses_ = face::landmarks::point_responses(model_, image_->gray, image_->points, search_);
+  responses_ = face::regression::point_responses(model_, image_->gray, image_->points, search_);
 }
 
 std::vector<Action> PatchSession::actions() const {
@@ -98,7 +98,7 @@ View PatchSession::on_event(const Event& event) {
 
 void PatchSession::draw_face() {
   constexpr int kZoom = 4;
-  const cv::Mat face = face::landmarks::draw_patches(model_, shape_, current_, kZoom);
+  const cv::Mat face = face::regression::draw_patches(model_, shape_, current_, kZoom);
   const double scale = std::min(static_cast<double>(kFaceArea.width) / face.cols,
                                 static_cast<double>(kFaceArea.height) / face.rows);
   const cv::Size size(cvRound(face.cols * scale), cvRound(face.rows * scale));
@@ -110,7 +110,7 @@ void PatchSession::draw_face() {
 }
 
 void PatchSession::draw_patch() {
-  const cv::Mat patch = face::landmarks::draw_patch(model_, current_, kPatchArea.height);
+  const cv::Mat patch = face::regression::draw_patch(model_, current_, kPatchArea.height);
   image::draw::letterbox(patch, kPatchArea.size(), kBackground).copyTo(shown_(kPatchArea));
   label(shown_, fmt::format("weights of patch {}", current_), {kPatchArea.x, 14});
   label(shown_, "gradient of the weights", {kPatchArea.x + kPatchArea.width / 2 + 14, 14});
@@ -121,8 +121,8 @@ void PatchSession::draw_image() {
     label(shown_, "--on IMAGE shows the response there", {kImageArea.x, kImageArea.y - 20});
     return;
   }
-  const face::landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
-  const cv::Mat drawn = face::landmarks::draw_response(response, kImageArea.height);
+  const face::regression::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
+  const cv::Mat drawn = face::regression::draw_response(response, kImageArea.height);
   drawn.copyTo(shown_(cv::Rect(kImageArea.tl(), drawn.size())));
   label(shown_, fmt::format("image, {0}x{0} px", search_), {kImageArea.x, kImageArea.y - 20});
   label(shown_, fmt::format("response, maximum {:.2f}", response.best),
@@ -155,7 +155,8 @@ View PatchSession::view() {
                   {"peak", nullptr},
                   {"help", controls_.help()}};
   if (image_) {
-    const face::landmarks::PointResponse& response = responses_[static_cast<std::size_t>(current_)];
+    const face::regression::PointResponse& response =
+        responses_[static_cast<std::size_t>(current_)];
     result.state["response"] = response.best;
     result.state["peak"] = {response.peak.x - search_ / 2, response.peak.y - search_ / 2};
   }

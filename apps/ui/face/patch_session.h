@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/face/landmarks/patches.h"
+#include "tarsier/face/regression/patches.h"
 #include "tarsier/face/shape/shape_model.h"
 
 #include <Eigen/Core>
@@ -29,7 +29,7 @@ struct PatchImage {
 class PatchSession final : public Session {
  public:
   // Throws std::invalid_argument if patches, shape and points do not fit together.
-  PatchSession(face::landmarks::PatchModels model, face::shape::ShapeModel shape,
+  PatchSession(face::regression::PatchModels model, face::shape::ShapeModel shape,
                std::optional<PatchImage> image);
 
   View on_frame(const Frame&, const SourceStatus&) override { return view(); }
@@ -47,10 +47,10 @@ class PatchSession final : public Session {
   void draw_image();
   View view();
 
-  face::landmarks::PatchModels model_;
+  face::regression::PatchModels model_;
   face::shape::ShapeModel shape_;
   std::optional<PatchImage> image_;
-  std::vector<face::landmarks::PointResponse> responses_;
+  std::vector<face::regression::PointResponse> responses_;
   int current_ = 0;
   int search_ = 21;
   SessionControls controls_;

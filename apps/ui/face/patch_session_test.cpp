@@ -50,7 +50,7 @@ class PatchSessionTest : public ::testing::Test {
     return {model_, shape_, with_image ? std::optional(image_) : std::nullopt};
   }
 
-  face::landmarks::PatchModels model_;
+  face::regression::PatchModels model_;
   face::shape::ShapeModel shape_;
   PatchImage image_;
 };

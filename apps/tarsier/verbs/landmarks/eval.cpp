@@ -7,8 +7,9 @@
 #include "tarsier/face/landmarks/detection.h"
 #include "tarsier/face/landmarks/evaluation.h"
 #include "tarsier/face/landmarks/faces_json.h"
-#include "tarsier/face/landmarks/occlusion.h"
 #include "tarsier/face/landmarks/person_study.h"
+#include "tarsier/face/regression/occlusion.h"
+#include "tarsier/face/regression/visibility.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
 
@@ -62,7 +63,7 @@ std::string text_of(const face::landmarks::LandmarkScore& score) {
       100 * score.failures, score.auc, score.dx, score.dy);
 }
 
-nlohmann::ordered_json json_of(const face::landmarks::VisibilityScore& visibility) {
+nlohmann::ordered_json json_of(const face::regression::VisibilityScore& visibility) {
   return {{"hidden", visibility.hidden},
           {"hidden_found", visibility.hidden_flagged},
           {"seen", visibility.visible},
@@ -70,7 +71,7 @@ nlohmann::ordered_json json_of(const face::landmarks::VisibilityScore& visibilit
           {"within_sigma", rounded(visibility.coverage(), 4)}};
 }
 
-std::string text_of(const face::landmarks::VisibilityScore& visibility) {
+std::string text_of(const face::regression::VisibilityScore& visibility) {
   std::string hidden;
   if (visibility.hidden > 0)
     hidden =
@@ -180,7 +181,7 @@ ExitStatus run_landmark_eval(LandmarkEvalFlags& flags, Context& context) {
   std::vector<face::landmarks::FitOutcome> outcomes;
   std::string lines;
   double total_ms = 0;
-  face::landmarks::VisibilityScore visibility;
+  face::regression::VisibilityScore visibility;
   const Rng root(context.seed);
   context.progress->begin("fitting", static_cast<std::int64_t>(set.samples.size()), "faces");
   for (const face::shape::LandmarkSample& sample : set.samples) {
@@ -188,7 +189,7 @@ ExitStatus run_landmark_eval(LandmarkEvalFlags& flags, Context& context) {
     context.progress->advance();
     const auto index = static_cast<std::size_t>(&sample - set.samples.data());
     std::vector<bool> hidden(static_cast<std::size_t>(set.points()), false);
-    std::optional<face::landmarks::Visibility> seen_visibility;
+    std::optional<face::regression::Visibility> seen_visibility;
     std::optional<Eigen::Matrix2Xd> points;
     double ms = 0;
     if (tracker) {
@@ -199,8 +200,8 @@ ExitStatus run_landmark_eval(LandmarkEvalFlags& flags, Context& context) {
         if (flags.occlude) {
           const std::size_t other = (index + set.samples.size() / 2) % set.samples.size();
           Rng rng = root.fork(index);
-          hidden = face::landmarks::draw_occlusion(frame.image, sample.points,
-                                                   read_gray_image(set.samples[other].image), rng);
+          hidden = face::regression::draw_occlusion(frame.image, sample.points,
+                                                    read_gray_image(set.samples[other].image), rng);
         }
       } catch (const InputError& error) {
         log_warning("{}; left out", error.what());

@@ -5,6 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/face/landmarks/hog_detector.h"
 #include "tarsier/face/landmarks/model.h"
+#include "tarsier/face/regression/patches.h"
 #include "tarsier/face/shape/landmark_set.h"
 #include "tarsier/face/shape/shape_model.h"
 #include "tarsier/image/draw/tile.h"
@@ -157,11 +158,11 @@ ExitStatus show_in_window(const LandmarkShowFlags& flags,
 ExitStatus show_responses(const LandmarkShowFlags& flags,
                           const face::landmarks::LandmarkModel& model, const PatchImage& image,
                           Context& context) {
-  write_image(flags.output, face::landmarks::draw_responses(*model.patches, image.gray,
-                                                            image.points, flags.search));
+  write_image(flags.output, face::regression::draw_responses(*model.patches, image.gray,
+                                                             image.points, flags.search));
   double best = 0;
-  for (const face::landmarks::PointResponse& response :
-       face::landmarks::point_responses(*model.patches, image.gray, image.points, flags.search)) {
+  for (const face::regression::PointResponse& response :
+       face::regression::point_responses(*model.patches, image.gray, image.points, flags.search)) {
     best += response.best / model.points();
   }
   print_result({{"output", flags.output}, {"points", model.points()}, {"response", best}},
@@ -196,7 +197,7 @@ ExitStatus show_tracker(const LandmarkShowFlags& flags, Context& context) {
     std::vector<cv::Mat> parts{face::shape::draw_modes(model.shape, modes, flags.cell)};
     std::vector<std::string> names{"shape modes"};
     if (model.patches) {
-      parts.push_back(face::landmarks::draw_patches(*model.patches, model.shape, -1, 4));
+      parts.push_back(face::regression::draw_patches(*model.patches, model.shape, -1, 4));
       names.emplace_back("patches");
     }
     write_image(flags.output, image::draw::tile(parts, names, {1400, 700}));

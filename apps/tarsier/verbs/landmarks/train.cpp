@@ -1,8 +1,14 @@
 // SPDX-License-Identifier: MIT
+
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/landmarks/train_model.h"
+#include "tarsier/face/regression/mirror_shift.h"
+#include "tarsier/face/regression/patches.h"
+#include "tarsier/face/regression/regression_network.h"
+#include "tarsier/face/regression/training_face.h"
+#include "tarsier/face/regression/visibility.h"
 #include "tarsier/face/train/face_turn.h"
 #include "tarsier/media/archive.h"
 
@@ -73,11 +79,11 @@ void add_turned_faces(const LandmarkTrainFlags& flags, const face::shape::Landma
                     "that `pose train-head` learnt from such a set",
                     turner->points(), set.points()));
   }
-  options.extra = [turner, copies = flags.turned](const face::landmarks::TrainingFace& face,
+  options.extra = [turner, copies = flags.turned](const face::regression::TrainingFace& face,
                                                   std::uint64_t seed) {
     return face::train::turned_copies(*turner, face, copies, seed);
   };
-  options.start_shapes = [turner](const face::landmarks::TrainingFace& face, int count,
+  options.start_shapes = [turner](const face::regression::TrainingFace& face, int count,
                                   std::uint64_t seed) {
     return turner->shapes_near(face.points, count, seed);
   };
@@ -131,9 +137,9 @@ ExitStatus train_landmarks(LandmarkTrainFlags& flags, Context& context, Kind kin
         kind == Kind::kPatches || (kind == Kind::kTracker && flags.without != "patch");
     options.quality = kind == Kind::kTracker;
     if (flags.method == "sgd") {
-      options.patch_options.method = face::landmarks::PatchMethod::kStochastic;
+      options.patch_options.method = face::regression::PatchMethod::kStochastic;
     } else if (flags.method == "average") {
-      options.patch_options.method = face::landmarks::PatchMethod::kAverage;
+      options.patch_options.method = face::regression::PatchMethod::kAverage;
     } else if (flags.method != "ridge") {
       throw UsageError(
           fmt::format("--patch-method {}: expected ridge, sgd or average", flags.method));
@@ -229,16 +235,16 @@ void add_part(Command& parent, Context& context, const char* name, const char* h
   add_verb<PartFlags<Options>>(parent, name, help, context, add_flags, run);
 }
 
-using RegressionNetworkFlags = PartFlags<face::landmarks::RegressionNetworkOptions>;
-using VisibilityFlags = PartFlags<face::landmarks::VisibilityOptions>;
+using RegressionNetworkFlags = PartFlags<face::regression::RegressionNetworkOptions>;
+using VisibilityFlags = PartFlags<face::regression::VisibilityOptions>;
 
 ExitStatus train_network(RegressionNetworkFlags& flags, Context& context) {
   const auto learn = [&](const face::shape::LandmarkSet& set, face::landmarks::LandmarkModel& model,
                          std::vector<std::string>& skipped) {
-    const auto faces = face::landmarks::load_framed_faces(set, flags.mirror, context.seed,
-                                                          *context.progress, context.stop, skipped);
-    model.network = face::landmarks::train_regression_network(faces, flags.options,
-                                                              *context.progress, context.stop);
+    const auto faces = face::regression::load_framed_faces(
+        set, flags.mirror, context.seed, *context.progress, context.stop, skipped);
+    model.network = face::regression::train_regression_network(faces, flags.options,
+                                                               *context.progress, context.stop);
   };
   return train_part(flags, context, "network", learn);
 }
@@ -246,7 +252,7 @@ ExitStatus train_network(RegressionNetworkFlags& flags, Context& context) {
 ExitStatus train_visibility(VisibilityFlags& flags, Context& context) {
   const auto learn = [&](const face::shape::LandmarkSet& set, face::landmarks::LandmarkModel& model,
                          std::vector<std::string>& skipped) {
-    model.visibility = face::landmarks::train_visibility_model(
+    model.visibility = face::regression::train_visibility_model(
         set, flags.mirror, flags.options, *context.progress, context.stop, skipped);
   };
   return train_part(flags, context, "visibility", learn);
@@ -263,10 +269,10 @@ void add_landmarks_train(Command& area, Context& context) {
            "train the landmark positions relative to a face detector's box", Kind::kDetector);
   add_kind(verb, context, "trees", "train the cascade of regression trees", Kind::kTrees);
   add_kind(verb, context, "tracker", "train all parts into one file", Kind::kTracker);
-  add_part<face::landmarks::RegressionNetworkOptions>(
+  add_part<face::regression::RegressionNetworkOptions>(
       verb, context, "network",
       "train a convolutional network on the whole face and add it to a tracker", train_network);
-  add_part<face::landmarks::VisibilityOptions>(
+  add_part<face::regression::VisibilityOptions>(
       verb, context, "visibility",
       "train the visibility and expected error of landmarks and add them to a tracker",
       train_visibility);

@@ -3,6 +3,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/face/detect/face_training.h"
 #include "tarsier/face/landmarks/face_finder.h"
+#include "tarsier/face/regression/training_face.h"
 #include "tarsier/face/train/face_turn.h"
 #include "tarsier/media/image_file.h"
 
@@ -73,13 +74,13 @@ std::vector<face::FaceImage> turned_faces(const FaceNetworkFlags& flags,
                                                 3 * around.width, 3 * around.width)) &
                             cv::Rect(0, 0, whole.cols, whole.rows);
       if (area.empty()) continue;
-      face::landmarks::TrainingFace face;
+      face::regression::TrainingFace face;
       const double scale = std::min(1.0, kTurnedFace / around.width);
       cv::resize(whole(area), face.gray, cv::Size(), scale, scale, cv::INTER_AREA);
       const Eigen::Vector2d corner(area.x - 0.5, area.y - 0.5);  // of the crop's first pixel
       face.points = ((points.colwise() - corner) * scale).array() - 0.5;
       const std::uint64_t seed = Rng(context.seed).fork(number).fork(i)();
-      for (const face::landmarks::TrainingFace& copy :
+      for (const face::regression::TrainingFace& copy :
            face::train::turned_copies(turner, face, flags.turned, seed)) {
         found[number].push_back({image.image + ", turned",
                                  {face::landmarks::box_around(box, copy.points)},

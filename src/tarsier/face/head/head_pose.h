@@ -122,7 +122,7 @@ class HeadPoseEstimator {
   // No pose is returned for too few points, or points that are not a head (the iteration moves it
   // behind the camera).
   // sigma_px: n, each above 0: the distance from the true position that 68 % of such measurements
-  // stay within (landmarks/visibility.h), so that hidden points get less weight; empty: unknown.
+  // stay within (regression/visibility.h), so that hidden points get less weight; empty: unknown.
   [[nodiscard]] HeadPoseResult pose(const Eigen::Matrix2Xd& points, const geometry::Camera& camera,
                                     const Eigen::VectorXd& sigma_px = {}) const;
   // The same with the identity from earlier frames, which is updated by this frame. If there is no

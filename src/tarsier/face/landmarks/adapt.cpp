@@ -4,7 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/face/landmarks/train_model.h"
+#include "tarsier/face/regression/starts.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>
@@ -24,29 +24,31 @@ constexpr int kChoiceStarts = 5;
 constexpr std::uint64_t kTestSeed = 0x7e57;
 
 void adapt_parts(LandmarkModel& model, const LandmarkModel& base,
-                 const std::vector<TrainingFace>& faces, const AdaptOptions& options, double ridge,
-                 const std::stop_token& stop) {
+                 const std::vector<regression::TrainingFace>& faces, const AdaptOptions& options,
+                 double ridge, const std::stop_token& stop) {
   const int each = std::clamp(kMaxStarts / static_cast<int>(faces.size()), 1, options.starts);
-  const std::vector<Start> starts = scattered_starts(faces, base.shape.mean, each, options.seed);
+  const std::vector<regression::Start> starts =
+      regression::scattered_starts(faces, base.shape.mean, each, options.seed);
   if (base.trees) model.trees = adapt_trees(*base.trees, faces, starts, ridge, stop);
   if (base.descent) model.descent = adapt_descent(*base.descent, faces, starts, ridge, stop);
   if (base.network) model.network = adapt_network(*base.network, faces, starts, ridge, stop);
 }
 
 // Mean over the faces, in sizes of the shape.
-double error_of(const LandmarkModel& model, const std::vector<TrainingFace>& faces,
+double error_of(const LandmarkModel& model, const std::vector<regression::TrainingFace>& faces,
                 std::uint64_t seed, const std::stop_token& stop) {
-  const std::vector<Start> starts =
-      scattered_starts(faces, model.shape.mean, kChoiceStarts, seed ^ kTestSeed);
+  const std::vector<regression::Start> starts =
+      regression::scattered_starts(faces, model.shape.mean, kChoiceStarts, seed ^ kTestSeed);
   std::vector<double> errors(starts.size());
   const FitOptions options;
   cv::parallel_for_(cv::Range(0, static_cast<int>(starts.size())), [&](const cv::Range& range) {
     FitWorkspace workspace;
     for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
       const auto index = static_cast<std::size_t>(i);
-      const TrainingFace& face = faces[static_cast<std::size_t>(starts[index].face)];
+      const regression::TrainingFace& face = faces[static_cast<std::size_t>(starts[index].face)];
       const Fit fit = fit_points(model, options, face.gray, starts[index].points, workspace);
-      errors[index] = (fit.points - face.points).colwise().norm().mean() / shape_size(face.points);
+      errors[index] =
+          (fit.points - face.points).colwise().norm().mean() / regression::shape_size(face.points);
     }
   });
   throw_if_stopped(stop);
@@ -55,7 +57,7 @@ double error_of(const LandmarkModel& model, const std::vector<TrainingFace>& fac
 
 // Errors on held-out images: of the base, then of each choice.
 std::vector<double> cross_validation_errors(const LandmarkModel& base,
-                                            const std::vector<TrainingFace>& faces,
+                                            const std::vector<regression::TrainingFace>& faces,
                                             const AdaptOptions& options,
                                             const std::vector<double>& choices, Progress& progress,
                                             const std::stop_token& stop) {
@@ -68,8 +70,8 @@ std::vector<double> cross_validation_errors(const LandmarkModel& base,
   model.quality.reset();
   model.visibility.reset();
   for (int fold = 0; fold < folds; ++fold) {
-    std::vector<TrainingFace> training;
-    std::vector<TrainingFace> held_out;
+    std::vector<regression::TrainingFace> training;
+    std::vector<regression::TrainingFace> held_out;
     for (std::size_t f = 0; f < faces.size(); ++f) {
       (static_cast<int>(f) % folds == fold ? held_out : training).push_back(faces[f]);
     }
@@ -106,8 +108,8 @@ AdaptedModel adapt_landmark_model(const LandmarkModel& base, const shape::Landma
                      fmt::format("has {} points, the model {}", set.points(), base.points()));
   }
   AdaptedModel result;
-  const std::vector<TrainingFace> faces =
-      load_training_faces(set, set_path, {}, progress, stop, result.skipped);
+  const std::vector<regression::TrainingFace> faces =
+      regression::load_training_faces(set, set_path, {}, progress, stop, result.skipped);
   result.model = base;
   result.faces = static_cast<int>(faces.size());
   result.ridge = options.ridge.value_or(options.default_ridge);

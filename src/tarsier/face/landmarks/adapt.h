@@ -4,7 +4,10 @@
 #include "tarsier/core/option_fields.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/face/landmarks/model.h"
-#include "tarsier/face/landmarks/training_face.h"
+#include "tarsier/face/regression/descent.h"
+#include "tarsier/face/regression/regression_network.h"
+#include "tarsier/face/regression/training_face.h"
+#include "tarsier/face/regression/trees.h"
 
 #include <cstdint>
 #include <optional>
@@ -43,18 +46,19 @@ struct AdaptOptions {
 
 // Each stage is trained on features at points that were moved by the earlier adapted stages. These
 // were trained without the image, so that the errors are those of unseen images.
-[[nodiscard]] Descent adapt_descent(const Descent& base, const std::vector<TrainingFace>& faces,
-                                    const std::vector<Start>& starts, double ridge,
-                                    const std::stop_token& stop);
+[[nodiscard]] regression::Descent adapt_descent(const regression::Descent& base,
+                                                const std::vector<regression::TrainingFace>& faces,
+                                                const std::vector<regression::Start>& starts,
+                                                double ridge, const std::stop_token& stop);
 // Changes only the last layer.
-[[nodiscard]] RegressionNetwork adapt_network(const RegressionNetwork& base,
-                                              const std::vector<TrainingFace>& faces,
-                                              const std::vector<Start>& starts, double ridge,
-                                              const std::stop_token& stop);
+[[nodiscard]] regression::RegressionNetwork adapt_network(
+    const regression::RegressionNetwork& base, const std::vector<regression::TrainingFace>& faces,
+    const std::vector<regression::Start>& starts, double ridge, const std::stop_token& stop);
 // Changes only the leaves of the last level.
-[[nodiscard]] Trees adapt_trees(const Trees& base, const std::vector<TrainingFace>& faces,
-                                const std::vector<Start>& starts, double ridge,
-                                const std::stop_token& stop);
+[[nodiscard]] regression::Trees adapt_trees(const regression::Trees& base,
+                                            const std::vector<regression::TrainingFace>& faces,
+                                            const std::vector<regression::Start>& starts,
+                                            double ridge, const std::stop_token& stop);
 
 struct AdaptedModel {
   LandmarkModel model;

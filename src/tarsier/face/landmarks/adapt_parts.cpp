@@ -2,7 +2,7 @@
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/landmarks/adapt.h"
-#include "tarsier/face/landmarks/trees_inner.h"
+#include "tarsier/face/shape/similarity.h"
 #include "tarsier/linalg/decompositions.h"
 
 #include <opencv2/core/utility.hpp>
@@ -28,12 +28,12 @@ double lambda_of(double ridge, const Eigen::MatrixXd& kernel, std::size_t faces)
   return ridge * starts * std::max(1e-9, kernel.diagonal().mean());
 }
 
-void check(const std::vector<TrainingFace>& faces, const std::vector<Start>& starts,
-           Eigen::Index points, double ridge) {
+void check(const std::vector<regression::TrainingFace>& faces,
+           const std::vector<regression::Start>& starts, Eigen::Index points, double ridge) {
   TARSIER_REQUIRE(!faces.empty() && !starts.empty(), "{} faces, {} starts", faces.size(),
                   starts.size());
   TARSIER_REQUIRE(ridge > 0 && ridge <= 1e6, "ridge is in (0, 1e6], got {}", ridge);
-  for (const Start& start : starts) {
+  for (const regression::Start& start : starts) {
     TARSIER_REQUIRE(start.face >= 0 && start.face < static_cast<int>(faces.size()) &&
                         start.points.cols() == points,
                     "start of face {} with {} points, the model has {}", start.face,
@@ -58,20 +58,21 @@ struct Sample {
   Eigen::Matrix2Xd points;
 };
 
-std::vector<Sample> reduced_samples(const Descent& base, const std::vector<TrainingFace>& faces,
-                                    const std::vector<Start>& starts) {
+std::vector<Sample> reduced_samples(const regression::Descent& base,
+                                    const std::vector<regression::TrainingFace>& faces,
+                                    const std::vector<regression::Start>& starts) {
   double finest = 0;
-  for (const Descent::Stage& stage : base.stages) {
+  for (const regression::Descent::Stage& stage : base.stages) {
     finest = std::max(finest, stage.scale.px_per_unit);
   }
-  std::vector<Reduced> reduced;
-  for (const TrainingFace& face : faces) {
-    reduced.push_back(reduce_around(face.gray, face.points, finest));
+  std::vector<regression::Reduced> reduced;
+  for (const regression::TrainingFace& face : faces) {
+    reduced.push_back(regression::reduce_around(face.gray, face.points, finest));
   }
   std::vector<Sample> samples;
-  for (const Start& start : starts) {
+  for (const regression::Start& start : starts) {
     const auto f = static_cast<std::size_t>(start.face);
-    const Reduced& to = reduced[f];
+    const regression::Reduced& to = reduced[f];
     samples.push_back({start.face, to.gray, (faces[f].points.colwise() - to.offset) / to.scale,
                        (start.points.colwise() - to.offset) / to.scale});
   }
@@ -86,7 +87,7 @@ struct RidgeProblem {
   double constant = 1;
 };
 
-RidgeProblem problem_of(const Descent::Stage& stage, const Eigen::Matrix2Xd& mean,
+RidgeProblem problem_of(const regression::Descent::Stage& stage, const Eigen::Matrix2Xd& mean,
                         const std::vector<Sample>& samples, const std::stop_token& stop) {
   const auto count = static_cast<Eigen::Index>(samples.size());
   const Eigen::Index width = stage.weights.cols();
@@ -95,12 +96,13 @@ RidgeProblem problem_of(const Descent::Stage& stage, const Eigen::Matrix2Xd& mea
   problem.base_steps.resize(count, stage.weights.rows());
   problem.errors.resize(count, stage.weights.rows());
   cv::parallel_for_(cv::Range(0, static_cast<int>(count)), [&](const cv::Range& range) {
-    DescentWorkspace workspace;
+    regression::DescentWorkspace workspace;
     Eigen::VectorXf features(width);
     Eigen::RowVectorXd step(stage.weights.rows());
     for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
       const Sample& sample = samples[static_cast<std::size_t>(i)];
-      stage_features(stage, mean, sample.gray, sample.points, workspace, features.data());
+      regression::stage_features(stage, mean, sample.gray, sample.points, workspace,
+                                 features.data());
       problem.features.row(i).head(width) = features.cast<double>().transpose();
       problem.base_steps.row(i) =
           (stage.weights * features + stage.bias).cast<double>().transpose();
@@ -124,7 +126,7 @@ void move_sample(Sample& sample, const Eigen::Matrix2Xd& mean, const Eigen::RowV
     moved(0, p) += back.a * step[2 * p] - back.b * step[2 * p + 1];
     moved(1, p) += back.b * step[2 * p] + back.a * step[2 * p + 1];
   }
-  if (moved.allFinite() && shape_size(moved) > 1) sample.points = moved;
+  if (moved.allFinite() && regression::shape_size(moved) > 1) sample.points = moved;
 }
 
 // Moves the samples of each part by a regression that was trained on the other parts. For a single
@@ -157,12 +159,14 @@ void move_samples(std::vector<Sample>& samples, const Eigen::Matrix2Xd& mean,
 
 }  // namespace
 
-Descent adapt_descent(const Descent& base, const std::vector<TrainingFace>& faces,
-                      const std::vector<Start>& starts, double ridge, const std::stop_token& stop) {
+regression::Descent adapt_descent(const regression::Descent& base,
+                                  const std::vector<regression::TrainingFace>& faces,
+                                  const std::vector<regression::Start>& starts, double ridge,
+                                  const std::stop_token& stop) {
   check(faces, starts, base.mean.cols(), ridge);
-  Descent model = base;
+  regression::Descent model = base;
   std::vector<Sample> samples = reduced_samples(base, faces, starts);
-  for (Descent::Stage& stage : model.stages) {
+  for (regression::Descent::Stage& stage : model.stages) {
     throw_if_stopped(stop);
     const RidgeProblem problem = problem_of(stage, model.mean, samples, stop);
     const Eigen::MatrixXd kernel = problem.features * problem.features.transpose();
@@ -177,12 +181,12 @@ Descent adapt_descent(const Descent& base, const std::vector<TrainingFace>& face
   return model;
 }
 
-RegressionNetwork adapt_network(const RegressionNetwork& base,
-                                const std::vector<TrainingFace>& faces,
-                                const std::vector<Start>& starts, double ridge,
-                                const std::stop_token& stop) {
+regression::RegressionNetwork adapt_network(const regression::RegressionNetwork& base,
+                                            const std::vector<regression::TrainingFace>& faces,
+                                            const std::vector<regression::Start>& starts,
+                                            double ridge, const std::stop_token& stop) {
   check(faces, starts, base.mean.cols(), ridge);
-  RegressionNetwork model = base;
+  regression::RegressionNetwork model = base;
   linalg::Layer& last = model.network.layers.back();
   const auto count = static_cast<Eigen::Index>(starts.size());
   const auto width = static_cast<Eigen::Index>(last.depth());
@@ -190,11 +194,12 @@ RegressionNetwork adapt_network(const RegressionNetwork& base,
   Eigen::MatrixXd features(count, width + 1);
   Eigen::MatrixXd errors(count, 2 * n);
   cv::parallel_for_(cv::Range(0, static_cast<int>(count)), [&](const cv::Range& range) {
-    RegressionNetworkWorkspace workspace;
+    regression::RegressionNetworkWorkspace workspace;
     for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
-      const Start& start = starts[static_cast<std::size_t>(i)];
-      const TrainingFace& face = faces[static_cast<std::size_t>(start.face)];
-      const Eigen::Matrix2Xd fit = fit_network(base, face.gray, start.points, workspace);
+      const regression::Start& start = starts[static_cast<std::size_t>(i)];
+      const regression::TrainingFace& face = faces[static_cast<std::size_t>(start.face)];
+      const Eigen::Matrix2Xd fit =
+          regression::fit_network(base, face.gray, start.points, workspace);
       const std::vector<float>& seen = *(workspace.network.maps.end() - 2);
       features.row(i).head(width) =
           Eigen::Map<const Eigen::RowVectorXf>(seen.data(), width).cast<double>();
@@ -229,35 +234,22 @@ struct ReachedLeaves {
   Eigen::MatrixXd errors;
 };
 
-ReachedLeaves reached_leaves(const Trees& base, const std::vector<TrainingFace>& faces,
-                             const std::vector<Start>& starts, const std::stop_token& stop) {
-  const Trees::Level& last = base.levels.back();
-  const int nodes = (1 << base.depth) - 1;
-  const int trees = static_cast<int>(last.first.size()) / nodes;
-  Trees before = base;
-  before.levels.pop_back();
+ReachedLeaves reached_leaves(const regression::Trees& base,
+                             const std::vector<regression::TrainingFace>& faces,
+                             const std::vector<regression::Start>& starts,
+                             const std::stop_token& stop) {
   ReachedLeaves reached;
   reached.leaves.resize(starts.size());
   reached.errors.resize(static_cast<Eigen::Index>(starts.size()), 2 * base.mean.cols());
   cv::parallel_for_(cv::Range(0, static_cast<int>(starts.size())), [&](const cv::Range& range) {
-    std::vector<std::uint8_t> values(last.anchor.size());
     Eigen::RowVectorXd step(2 * base.mean.cols());
     for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
-      const Start& start = starts[static_cast<std::size_t>(i)];
-      const TrainingFace& face = faces[static_cast<std::size_t>(start.face)];
-      const shape::Similarity2d px_from_mean = shape::fit_similarity(base.mean, start.points);
-      const Eigen::Matrix2Xd current =
-          before.levels.empty() ? start.points : fit_trees(before, face.gray, start.points);
-      inner::look_up(
-          last, base.smoothing, face.gray,
-          px_from_mean * shape::fit_similarity(base.mean, px_from_mean.inverse()(current)), current,
-          values.data());
-      std::vector<int>& leaves = reached.leaves[static_cast<std::size_t>(i)];
-      for (int tree = 0; tree < trees; ++tree) {
-        leaves.push_back(inner::leaf_of(last, tree, base.depth, values.data()));
-      }
-      const Eigen::Matrix2Xd fitted = fit_trees(base, face.gray, start.points);
-      set_step_row(px_from_mean.inverse(), face.points - fitted, step);
+      const regression::Start& start = starts[static_cast<std::size_t>(i)];
+      const regression::TrainingFace& face = faces[static_cast<std::size_t>(start.face)];
+      const Eigen::Matrix2Xd fitted = regression::fit_trees(
+          base, face.gray, start.points, &reached.leaves[static_cast<std::size_t>(i)]);
+      set_step_row(shape::fit_similarity(base.mean, start.points).inverse(), face.points - fitted,
+                   step);
       reached.errors.row(i) = step;
     }
   });
@@ -267,8 +259,10 @@ ReachedLeaves reached_leaves(const Trees& base, const std::vector<TrainingFace>&
 
 }  // namespace
 
-Trees adapt_trees(const Trees& base, const std::vector<TrainingFace>& faces,
-                  const std::vector<Start>& starts, double ridge, const std::stop_token& stop) {
+regression::Trees adapt_trees(const regression::Trees& base,
+                              const std::vector<regression::TrainingFace>& faces,
+                              const std::vector<regression::Start>& starts, double ridge,
+                              const std::stop_token& stop) {
   base.check();
   check(faces, starts, base.mean.cols(), ridge);
   const ReachedLeaves reached = reached_leaves(base, faces, starts, stop);
@@ -288,8 +282,8 @@ Trees adapt_trees(const Trees& base, const std::vector<TrainingFace>& faces,
   }
   const Eigen::MatrixXd solved =
       dual(kernel, reached.errors, lambda_of(ridge, kernel, faces.size()));
-  Trees model = base;
-  Trees::Level& last = model.levels.back();
+  regression::Trees model = base;
+  regression::Trees::Level& last = model.levels.back();
   const Eigen::Index leaf_count = Eigen::Index{1} << base.depth;
   Eigen::MatrixXf moves = last.moves();
   moves.colwise() += solved.colwise().sum().transpose().cast<float>();

@@ -2,8 +2,11 @@
 #include "tarsier/face/landmarks/adapt.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/face/landmarks/testing_blobs.h"
-#include "tarsier/face/landmarks/train_model.h"
+#include "tarsier/face/regression/descent.h"
+#include "tarsier/face/regression/regression_network.h"
+#include "tarsier/face/regression/starts.h"
+#include "tarsier/face/regression/testing_blobs.h"
+#include "tarsier/face/regression/trees.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
 
@@ -18,10 +21,10 @@ namespace {
 
 // One person's disks differ from those of all others. The drawn disks follow the shape; the
 // annotation is moved by a pattern of that person.
-std::vector<TrainingFace> person_faces(int count, std::uint64_t seed) {
-  std::vector<TrainingFace> faces = test_support::blob_faces(count, seed);
-  for (TrainingFace& face : faces) {
-    const double size = shape_size(face.points);
+std::vector<regression::TrainingFace> person_faces(int count, std::uint64_t seed) {
+  std::vector<regression::TrainingFace> faces = regression::test_support::blob_faces(count, seed);
+  for (regression::TrainingFace& face : faces) {
+    const double size = regression::shape_size(face.points);
     face.points.col(4).y() += 0.15 * size;
     face.points.col(0).x() -= 0.12 * size;
     face.points.col(8).x() += 0.10 * size;
@@ -30,16 +33,17 @@ std::vector<TrainingFace> person_faces(int count, std::uint64_t seed) {
 }
 
 double error_of(const LandmarkModel& model, FitMethod method,
-                const std::vector<TrainingFace>& faces) {
+                const std::vector<regression::TrainingFace>& faces) {
   FitOptions options;
   options.method = method;
   FitWorkspace workspace;
   double sum = 0;
-  const std::vector<Start> starts = scattered_starts(faces, model.shape.mean, 3, 99);
-  for (const Start& start : starts) {
-    const TrainingFace& face = faces[static_cast<std::size_t>(start.face)];
+  const std::vector<regression::Start> starts =
+      regression::scattered_starts(faces, model.shape.mean, 3, 99);
+  for (const regression::Start& start : starts) {
+    const regression::TrainingFace& face = faces[static_cast<std::size_t>(start.face)];
     const Fit fit = fit_points(model, options, face.gray, start.points, workspace);
-    sum += (fit.points - face.points).colwise().norm().mean() / shape_size(face.points);
+    sum += (fit.points - face.points).colwise().norm().mean() / regression::shape_size(face.points);
   }
   return sum / static_cast<double>(starts.size());
 }
@@ -47,31 +51,32 @@ double error_of(const LandmarkModel& model, FitMethod method,
 class AdaptTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
-    const std::vector<TrainingFace> faces = test_support::blob_faces(60, 3);
+    const std::vector<regression::TrainingFace> faces = regression::test_support::blob_faces(60, 3);
     std::vector<Eigen::Matrix2Xd> shapes;
-    for (const TrainingFace& face : faces) shapes.push_back(face.points);
+    for (const regression::TrainingFace& face : faces) shapes.push_back(face.points);
     base_.shape = shape::train_shape_model(shapes);
     NoProgress silent;
-    TreesOptions trees;
+    regression::TreesOptions trees;
     trees.levels = 4;
     trees.trees = 40;
     trees.depth = 3;
-    const std::vector<Start> starts = scattered_starts(faces, base_.shape.mean, 8, 1);
-    base_.trees = train_trees(faces, starts, trees, silent, {});
-    DescentOptions descent;
+    const std::vector<regression::Start> starts =
+        regression::scattered_starts(faces, base_.shape.mean, 8, 1);
+    base_.trees = regression::train_trees(faces, starts, trees, silent, {});
+    regression::DescentOptions descent;
     descent.stages = {{24, 0.36}, {32, 0.25}};
     descent.components = 8;
-    base_.descent = train_descent(faces, starts, descent, silent, {});
-    RegressionNetworkOptions network;
+    base_.descent = regression::train_descent(faces, starts, descent, silent, {});
+    regression::RegressionNetworkOptions network;
     network.steps = 60;
-    base_.network = train_regression_network(faces, network, silent, {});
+    base_.network = regression::train_regression_network(faces, network, silent, {});
   }
 
   // The person as a set of files.
   shape::LandmarkSet person_set(int count) {
     shape::LandmarkSet set;
     int number = 0;
-    for (const TrainingFace& face : person_faces(count, 11)) {
+    for (const regression::TrainingFace& face : person_faces(count, 11)) {
       shape::LandmarkSample sample;
       sample.image = folder_ / (std::to_string(number++) + ".png");
       write_image(sample.image, face.gray);
@@ -88,10 +93,11 @@ class AdaptTest : public ::testing::Test {
 LandmarkModel AdaptTest::base_;
 
 TEST_F(AdaptTest, OneImageReducesTheErrorOfEachPart) {
-  const std::vector<TrainingFace> others = person_faces(8, 50);
+  const std::vector<regression::TrainingFace> others = person_faces(8, 50);
   LandmarkModel adapted = base_;
-  const std::vector<TrainingFace> one = person_faces(1, 7);
-  const std::vector<Start> starts = scattered_starts(one, base_.shape.mean, 24, 1);
+  const std::vector<regression::TrainingFace> one = person_faces(1, 7);
+  const std::vector<regression::Start> starts =
+      regression::scattered_starts(one, base_.shape.mean, 24, 1);
   adapted.trees = adapt_trees(*base_.trees, one, starts, 0.3, {});
   adapted.descent = adapt_descent(*base_.descent, one, starts, 0.3, {});
   adapted.network = adapt_network(*base_.network, one, starts, 0.3, {});
@@ -104,8 +110,9 @@ TEST_F(AdaptTest, OneImageReducesTheErrorOfEachPart) {
 }
 
 TEST_F(AdaptTest, AStrongPriorKeepsTheBase) {
-  const std::vector<TrainingFace> faces = person_faces(3, 7);
-  const std::vector<Start> starts = scattered_starts(faces, base_.shape.mean, 8, 1);
+  const std::vector<regression::TrainingFace> faces = person_faces(3, 7);
+  const std::vector<regression::Start> starts =
+      regression::scattered_starts(faces, base_.shape.mean, 8, 1);
   LandmarkModel kept = base_;
   kept.trees = adapt_trees(*base_.trees, faces, starts, 1e6, {});
   kept.descent = adapt_descent(*base_.descent, faces, starts, 1e6, {});
@@ -130,7 +137,7 @@ TEST_F(AdaptTest, ChoosesRidgeByCrossValidation) {
   EXPECT_EQ(adapted.faces, 4);
   EXPECT_GT(adapted.base_error, 0.03);
   EXPECT_LT(adapted.adapted_error, 0.75 * adapted.base_error);
-  const std::vector<TrainingFace> others = person_faces(8, 50);
+  const std::vector<regression::TrainingFace> others = person_faces(8, 50);
   EXPECT_LT(error_of(adapted.model, FitMethod::kMean, others),
             0.75 * error_of(base_, FitMethod::kMean, others));
 }
@@ -153,13 +160,14 @@ TEST_F(AdaptTest, KeepsTheBaseWithoutImprovement) {
 }
 
 TEST_F(AdaptTest, SameForAnyNumberOfThreads) {
-  const std::vector<TrainingFace> faces = person_faces(2, 7);
-  const std::vector<Start> starts = scattered_starts(faces, base_.shape.mean, 6, 1);
+  const std::vector<regression::TrainingFace> faces = person_faces(2, 7);
+  const std::vector<regression::Start> starts =
+      regression::scattered_starts(faces, base_.shape.mean, 6, 1);
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
-  const Descent one = adapt_descent(*base_.descent, faces, starts, 0.3, {});
+  const regression::Descent one = adapt_descent(*base_.descent, faces, starts, 0.3, {});
   cv::setNumThreads(4);
-  const Descent four = adapt_descent(*base_.descent, faces, starts, 0.3, {});
+  const regression::Descent four = adapt_descent(*base_.descent, faces, starts, 0.3, {});
   cv::setNumThreads(threads);
   EXPECT_EQ(one.stages.back().weights, four.stages.back().weights);
   EXPECT_EQ(one.stages.back().bias, four.stages.back().bias);

@@ -2,6 +2,7 @@
 #include "tarsier/face/landmarks/detection.h"
 
 #include "tarsier/core/boxes.h"
+#include "tarsier/face/regression/training_face.h"
 
 #include <algorithm>
 #include <cmath>
@@ -28,7 +29,7 @@ void DetectionEvaluator::add(const LandmarkModel& model, const FaceFinder& finde
   for (const Candidate& candidate : candidates) {
     const Eigen::Matrix2Xd start = start_at(model, finder, candidate);
     const Eigen::Vector2d center = start.rowwise().mean();
-    const double side = sides_ * shape_size(start);
+    const double side = sides_ * regression::shape_size(start);
     const cv::Rect2d box(center.x() + 0.5 - side / 2, center.y() + 0.5 - side / 2, side, side);
     bool is_right = false;
     for (std::size_t k = 0; k < truth.boxes.size() && !is_right; ++k) {

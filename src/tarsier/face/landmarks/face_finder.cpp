@@ -10,6 +10,7 @@
 #include "tarsier/face/detect/cascade.h"
 #include "tarsier/face/landmarks/hog_detector.h"
 #include "tarsier/face/landmarks/merged_candidates.h"
+#include "tarsier/face/regression/training_face.h"
 #include "tarsier/linalg/model_fields.h"
 
 #include <Eigen/Geometry>
@@ -50,7 +51,7 @@ BoxModel train_box_model(const std::vector<Eigen::Matrix2Xd>& shapes,
     const Eigen::Vector2d center = shapes[i].rowwise().mean();
     dx.push_back((center.x() - (box.x + 0.5 * box.width - 0.5)) / box.width);
     dy.push_back((center.y() - (box.y + 0.5 * box.height - 0.5)) / box.width);
-    size.push_back(shape_size(shapes[i]) / box.width);
+    size.push_back(regression::shape_size(shapes[i]) / box.width);
   }
   TARSIER_REQUIRE(!dx.empty(), "of {} boxes none holds {} of its face's points", boxes.size(),
                   fraction);
@@ -82,7 +83,7 @@ BoxModel cascade_box() {
 }
 
 cv::Rect2d box_around(const BoxModel& model, const Eigen::Matrix2Xd& points) {
-  const double width = shape_size(points) / model.size;
+  const double width = regression::shape_size(points) / model.size;
   const Eigen::Vector2d center = points.rowwise().mean();
   return {center.x() - model.dx * width - 0.5 * width + 0.5,
           center.y() - model.dy * width - 0.5 * width + 0.5, width, width};

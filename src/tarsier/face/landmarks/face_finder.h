@@ -6,7 +6,6 @@
 #include "tarsier/face/detect/detector.h"
 #include "tarsier/face/detect/face_networks.h"
 #include "tarsier/face/detect/search_plan.h"
-#include "tarsier/face/landmarks/training_face.h"
 
 #include <Eigen/Core>
 #include <opencv2/core/cvdef.h>

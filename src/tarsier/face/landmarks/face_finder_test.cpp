@@ -3,9 +3,10 @@
 
 #include "tarsier/face/detect/cascade.h"
 #include "tarsier/face/landmarks/model.h"
-#include "tarsier/face/landmarks/testing_blobs.h"
 #include "tarsier/face/landmarks/tracker.h"
-#include "tarsier/face/landmarks/train_model.h"
+#include "tarsier/face/regression/descent.h"
+#include "tarsier/face/regression/starts.h"
+#include "tarsier/face/regression/testing_blobs.h"
 #include "tarsier/face/shape/import.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/synth/portrait.h"
@@ -198,18 +199,18 @@ TEST(FaceFinder, TilesTogetherFindAllFaces) {
 
 // A model that accepts every fit.
 LandmarkModel trusting_model() {
-  const std::vector<TrainingFace> faces = test_support::blob_faces(20, 3);
+  const std::vector<regression::TrainingFace> faces = regression::test_support::blob_faces(20, 3);
   std::vector<Eigen::Matrix2Xd> shapes;
-  for (const TrainingFace& face : faces) shapes.push_back(face.points);
+  for (const regression::TrainingFace& face : faces) shapes.push_back(face.points);
   LandmarkModel model;
   model.shape = shape::train_shape_model(shapes);
   NoProgress silent;
-  DescentOptions options;
+  regression::DescentOptions options;
   options.stages = {{16, 0.3}};
   options.components = 8;
   options.ridge = 100;  // strong ridge: points stay near the detected face
-  model.descent =
-      train_descent(faces, scattered_starts(faces, model.shape.mean, 2, 1), options, silent, {});
+  model.descent = regression::train_descent(
+      faces, regression::scattered_starts(faces, model.shape.mean, 2, 1), options, silent, {});
   return model;
 }
 

@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/face/landmarks/model.h"
+#include "tarsier/face/regression/training_face.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
@@ -127,7 +128,8 @@ TEST_F(HogDetectorTest, LearnsTheBoxModel) {
   ASSERT_EQ(candidates.size(), 1U);
   const Eigen::Matrix2Xd start = start_at(model, finder, candidates[0]);
   const Eigen::Matrix2Xd& truth = images_[2].shapes[0];
-  EXPECT_LT((start.rowwise().mean() - truth.rowwise().mean()).norm(), 0.35 * shape_size(truth));
+  EXPECT_LT((start.rowwise().mean() - truth.rowwise().mean()).norm(),
+            0.35 * regression::shape_size(truth));
 }
 
 TEST_F(HogDetectorTest, SameForAnyNumberOfThreads) {

@@ -41,15 +41,16 @@ constexpr double kJitter[][3] = {{0, 0, 1},
                                  {-0.015, -0.03, 1.02}};
 static_assert(std::size(kJitter) == 5);  // the max that FitOptions::fields() allows
 
-Eigen::Matrix2Xd fit_with_trees(const Trees& trees, int starts, const cv::Mat& gray,
+Eigen::Matrix2Xd fit_with_trees(const regression::Trees& trees, int starts, const cv::Mat& gray,
                                 const Eigen::Matrix2Xd& start) {
   const Eigen::Vector2d center = start.rowwise().mean();
-  const double size = shape_size(start);
+  const double size = regression::shape_size(start);
   Eigen::Matrix2Xd sum = Eigen::Matrix2Xd::Zero(2, start.cols());
   for (int k = 0; k < starts; ++k) {
     const double* jitter = kJitter[k];
     const Eigen::Vector2d to = center + size * Eigen::Vector2d(jitter[0], jitter[1]);
-    sum += fit_trees(trees, gray, ((start.colwise() - center) * jitter[2]).colwise() + to);
+    sum +=
+        regression::fit_trees(trees, gray, ((start.colwise() - center) * jitter[2]).colwise() + to);
   }
   return sum / starts;
 }
@@ -154,27 +155,27 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
       fit.points = fit_with_trees(*model.trees, options.starts, gray, start);
       break;
     case FitMethod::kDescent:
-      fit.points = fit_descent(*model.descent, gray, start, workspace.descent);
+      fit.points = regression::fit_descent(*model.descent, gray, start, workspace.descent);
       break;
     case FitMethod::kNetwork:
-      fit.points = fit_network(*model.network, gray, start, workspace.network);
+      fit.points = regression::fit_network(*model.network, gray, start, workspace.network);
       break;
     case FitMethod::kMean: {
       const Eigen::Matrix2Xd by_trees = fit_with_trees(*model.trees, options.starts, gray, start);
       const Eigen::Matrix2Xd by_descent =
-          fit_descent(*model.descent, gray, start, workspace.descent);
+          regression::fit_descent(*model.descent, gray, start, workspace.descent);
       show_points(debug, "trees", model, gray, by_trees);
       show_points(debug, "sdm", model, gray, by_descent);
       fit.points = 0.5 * (by_trees + by_descent);
-      if (model.network && fit.points.allFinite() && shape_size(fit.points) > 1) {
+      if (model.network && fit.points.allFinite() && regression::shape_size(fit.points) > 1) {
         const Eigen::Matrix2Xd by_network =
-            fit_network(*model.network, gray, fit.points, workspace.network);
+            regression::fit_network(*model.network, gray, fit.points, workspace.network);
         show_points(debug, "cnn", model, gray, by_network);
         // The network returns the shape of a face for any input. So false detections are rejected
         // by the score of the fit before it.
         rated = fit.points;
         const double distance =
-            (by_trees - by_descent).colwise().norm().mean() / shape_size(fit.points);
+            (by_trees - by_descent).colwise().norm().mean() / regression::shape_size(fit.points);
         const double share =
             distance * distance / (distance * distance + kNetworkError * kNetworkError);
         fit.points += share * (by_network - fit.points);
@@ -182,17 +183,18 @@ Fit fit_points(const LandmarkModel& model, const FitOptions& options, const cv::
       break;
     }
     case FitMethod::kPatches:
-      fit.points = fit_patches(*model.patches, model.shape, options.patches, gray, start,
-                               workspace.patches, debug)
+      fit.points = regression::fit_patches(*model.patches, model.shape, options.patches, gray,
+                                           start, workspace.patches, debug)
                        .points;
       break;
   }
   if (model.quality) {
-    fit.score =
-        quality_of(*model.quality, gray, rated.size() > 0 ? rated : fit.points, workspace.descent);
+    fit.score = regression::quality_of(*model.quality, gray, rated.size() > 0 ? rated : fit.points,
+                                       workspace.descent);
   }
   if (model.visibility)
-    fit.visibility = visibility_of(*model.visibility, gray, fit.points, workspace.visibility);
+    fit.visibility =
+        regression::visibility_of(*model.visibility, gray, fit.points, workspace.visibility);
   show_points(debug, name_of(method), model, gray, fit.points);
   return fit;
 }
@@ -203,7 +205,7 @@ namespace {
 Fit fit_around(const LandmarkModel& model, const FitOptions& options, const cv::Mat& gray,
                const Eigen::Matrix2Xd& start, Fit best, FitWorkspace& workspace) {
   const Eigen::Vector2d center = start.rowwise().mean();
-  const double size = shape_size(start);
+  const double size = regression::shape_size(start);
   for (const double* extra : kExtraStarts) {
     if (best.score >= kGoodScore) break;
     const double angle = extra[3] * CV_PI / 180;
@@ -230,7 +232,7 @@ std::optional<Fit> fit_candidate(const LandmarkModel& model, const FitOptions& o
     fit = fit_around(model, options, gray, start, std::move(fit), workspace);
   if (is_false(fit)) return std::nullopt;
   // A start nearer to the face gives smaller errors.
-  if (fit.points.allFinite() && shape_size(fit.points) >= 1) {
+  if (fit.points.allFinite() && regression::shape_size(fit.points) >= 1) {
     const double first = fit.score;
     const Eigen::Matrix2Xd again = start_from_points(model, fit.points, true);
     fit = fit_points(model, options, gray, again, workspace, debug);

@@ -3,13 +3,13 @@
 
 #include "tarsier/core/debug_sink.h"
 #include "tarsier/core/option_fields.h"
-#include "tarsier/face/landmarks/descent.h"
 #include "tarsier/face/landmarks/face_finder.h"
-#include "tarsier/face/landmarks/patches.h"
-#include "tarsier/face/landmarks/quality.h"
-#include "tarsier/face/landmarks/regression_network.h"
-#include "tarsier/face/landmarks/trees.h"
-#include "tarsier/face/landmarks/visibility.h"
+#include "tarsier/face/regression/descent.h"
+#include "tarsier/face/regression/patches.h"
+#include "tarsier/face/regression/quality.h"
+#include "tarsier/face/regression/regression_network.h"
+#include "tarsier/face/regression/trees.h"
+#include "tarsier/face/regression/visibility.h"
 #include "tarsier/face/shape/shape_model.h"
 
 #include <Eigen/Core>
@@ -43,12 +43,12 @@ struct LandmarkModel {
   BoxModel box;
   // Indices of two points; errors are divided by their distance. -1: unknown.
   std::array<int, 2> eyes{-1, -1};
-  std::optional<Trees> trees;
-  std::optional<Descent> descent;
-  std::optional<RegressionNetwork> network;
-  std::optional<PatchModels> patches;
-  std::optional<Quality> quality;
-  std::optional<VisibilityModel> visibility;
+  std::optional<regression::Trees> trees;
+  std::optional<regression::Descent> descent;
+  std::optional<regression::RegressionNetwork> network;
+  std::optional<regression::PatchModels> patches;
+  std::optional<regression::Quality> quality;
+  std::optional<regression::VisibilityModel> visibility;
 
   [[nodiscard]] int points() const { return shape.points(); }
   // kMean if trees and descent are present, else a part that is. Throws std::invalid_argument if
@@ -69,7 +69,7 @@ void write_landmark_model(const std::string& path, const LandmarkModel& model,
 struct FitOptions {
   std::optional<FitMethod> method;  // empty: best_method()
   int starts = 3;                   // fits of the trees from slightly different starts, averaged
-  PatchFitOptions patches;
+  regression::PatchFitOptions patches;
 
   [[nodiscard]] OptionFields fields() {
     return {{"starts", starts, range(1, 5), "--starts", "number of averaged fits of the trees"}};
@@ -79,10 +79,10 @@ struct FitOptions {
 
 // Buffers, one object for each thread.
 struct FitWorkspace {
-  DescentWorkspace descent;
-  PatchWorkspace patches;
-  RegressionNetworkWorkspace network;
-  VisibilityWorkspace visibility;
+  regression::DescentWorkspace descent;
+  regression::PatchWorkspace patches;
+  regression::RegressionNetworkWorkspace network;
+  regression::VisibilityWorkspace visibility;
 };
 
 struct Fit {
@@ -90,7 +90,7 @@ struct Fit {
   // Estimated quality of the fit, 0..1 (Quality). With kMean it rates the points before the
   // network. 1 if the model has no Quality.
   double score = 1;
-  Visibility visibility;  // of the points; empty if the model has no VisibilityModel
+  regression::Visibility visibility;  // of the points; empty if the model has no VisibilityModel
 };
 
 // Fits the points from a start shape near the object. `gray` is CV_8UC1. `debug` receives the

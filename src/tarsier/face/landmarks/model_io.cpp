@@ -22,12 +22,12 @@ void list_model(linalg::ModelFields& file, LandmarkModel& model) {
                    "eyes name points that do not exist");
     return std::array{eyes[0].get<int>(), eyes[1].get<int>()};
   });
-  file.optional("trees", model.trees, trees_from_json);
-  file.optional("descent", model.descent, descent_from_json);
-  file.optional("network", model.network, regression_network_from_json);
-  file.optional("patches", model.patches, patch_models_from_json);
-  file.optional("quality", model.quality, quality_from_json);
-  file.optional("visibility", model.visibility, visibility_from_json);
+  file.optional("trees", model.trees, regression::trees_from_json);
+  file.optional("descent", model.descent, regression::descent_from_json);
+  file.optional("network", model.network, regression::regression_network_from_json);
+  file.optional("patches", model.patches, regression::patch_models_from_json);
+  file.optional("quality", model.quality, regression::quality_from_json);
+  file.optional("visibility", model.visibility, regression::visibility_from_json);
 }
 
 }  // namespace

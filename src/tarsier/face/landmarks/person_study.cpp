@@ -4,7 +4,8 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/landmarks/evaluation.h"
-#include "tarsier/face/landmarks/train_model.h"
+#include "tarsier/face/regression/descent.h"
+#include "tarsier/face/regression/starts.h"
 
 #include <map>
 
@@ -17,29 +18,33 @@ constexpr int kSpecificStarts = 40;
 constexpr int kGenericStarts = 12;
 constexpr int kTestStarts = 5;
 
-double error_of(const Descent& model, const std::vector<TrainingFace>& faces,
-                const std::array<int, 2>& eyes, std::uint64_t seed) {
-  DescentWorkspace workspace;
+double error_of(const regression::Descent& model,
+                const std::vector<regression::TrainingFace>& faces, const std::array<int, 2>& eyes,
+                std::uint64_t seed) {
+  regression::DescentWorkspace workspace;
   double sum = 0;
-  const std::vector<Start> starts = scattered_starts(faces, model.mean, kTestStarts, seed + 1);
-  for (const Start& start : starts) {
-    const TrainingFace& face = faces[static_cast<std::size_t>(start.face)];
-    const Eigen::Matrix2Xd points = fit_descent(model, face.gray, start.points, workspace);
+  const std::vector<regression::Start> starts =
+      regression::scattered_starts(faces, model.mean, kTestStarts, seed + 1);
+  for (const regression::Start& start : starts) {
+    const regression::TrainingFace& face = faces[static_cast<std::size_t>(start.face)];
+    const Eigen::Matrix2Xd points =
+        regression::fit_descent(model, face.gray, start.points, workspace);
     const double unit = (face.points.col(eyes[0]) - face.points.col(eyes[1])).norm();
     sum += (points - face.points).colwise().norm().mean() / unit * 100;
   }
   return sum / static_cast<double>(starts.size());
 }
 
-Descent descent_of(const std::vector<TrainingFace>& faces, int starts, std::uint64_t seed,
-                   const std::stop_token& stop) {
+regression::Descent descent_of(const std::vector<regression::TrainingFace>& faces, int starts,
+                               std::uint64_t seed, const std::stop_token& stop) {
   std::vector<Eigen::Matrix2Xd> shapes;
-  for (const TrainingFace& face : faces) shapes.push_back(face.points);
+  for (const regression::TrainingFace& face : faces) shapes.push_back(face.points);
   const Eigen::Matrix2Xd mean = shape::train_shape_model(shapes).mean;
-  DescentOptions options;
+  regression::DescentOptions options;
   options.seed = seed;
   NoProgress silent;
-  return train_descent(faces, scattered_starts(faces, mean, starts, seed), options, silent, stop);
+  return regression::train_descent(faces, regression::scattered_starts(faces, mean, starts, seed),
+                                   options, silent, stop);
 }
 
 }  // namespace
@@ -47,10 +52,10 @@ Descent descent_of(const std::vector<TrainingFace>& faces, int starts, std::uint
 PersonStudy study_persons(const shape::LandmarkSet& set, const std::array<int, 2>& eyes,
                           std::uint64_t seed, Progress& progress, const std::stop_token& stop) {
   std::vector<std::string> skipped;
-  const std::vector<TrainingFace> faces =
-      load_training_faces(set, "", LoadOptions{}, progress, stop, skipped);
-  std::map<std::string, std::vector<TrainingFace>> people;
-  for (const TrainingFace& face : faces) {
+  const std::vector<regression::TrainingFace> faces =
+      regression::load_training_faces(set, "", regression::LoadOptions{}, progress, stop, skipped);
+  std::map<std::string, std::vector<regression::TrainingFace>> people;
+  for (const regression::TrainingFace& face : faces) {
     if (!face.person.empty()) people[face.person].push_back(face);
   }
   PersonStudy study;
@@ -60,9 +65,9 @@ PersonStudy study_persons(const shape::LandmarkSet& set, const std::array<int, 2
     progress.advance();
     if (own.size() < kMinImages || people.size() < 2) continue;
     const auto half = own.begin() + static_cast<std::ptrdiff_t>(own.size() / 2);
-    const std::vector<TrainingFace> train(own.begin(), half);
-    const std::vector<TrainingFace> test(half, own.end());
-    std::vector<TrainingFace> others;
+    const std::vector<regression::TrainingFace> train(own.begin(), half);
+    const std::vector<regression::TrainingFace> test(half, own.end());
+    std::vector<regression::TrainingFace> others;
     for (const auto& [name, theirs] : people) {
       if (name != person) others.insert(others.end(), theirs.begin(), theirs.end());
     }

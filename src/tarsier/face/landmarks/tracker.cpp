@@ -54,8 +54,9 @@ class Step {
                                workspace_, debug_);
         if (again.score > fit.score) fit = std::move(again);
       }
-      const bool jumped = shape_size(fit.points) < 0.5 * shape_size(track.raw) ||
-                          shape_size(fit.points) > 2 * shape_size(track.raw);
+      const bool jumped =
+          regression::shape_size(fit.points) < 0.5 * regression::shape_size(track.raw) ||
+          regression::shape_size(fit.points) > 2 * regression::shape_size(track.raw);
       if (fit.score < options_.min_score || jumped || !update_track(track, fit)) track.lost = true;
     }
     drop_duplicates();
@@ -168,10 +169,11 @@ class Step {
     const cv::Rect2d box = box_around(model_.box, fit.points);
     if (!is_in_image(box, gray_)) return false;
     track.raw = fit.points;
-    track.face.points = options_.smoothing
-                            ? track.filter.next(options_.filter, fit.points, dt_,
-                                                std::max(1.0, 1.6 * shape_size(fit.points)))
-                            : fit.points;
+    track.face.points =
+        options_.smoothing
+            ? track.filter.next(options_.filter, fit.points, dt_,
+                                std::max(1.0, 1.6 * regression::shape_size(fit.points)))
+            : fit.points;
     track.face.score = fit.score;
     track.face.visibility = fit.visibility;
     track.face.box = box;

@@ -4,6 +4,7 @@
 #include "tarsier/core/option_fields.h"
 #include "tarsier/face/landmarks/alpha_beta_filter.h"
 #include "tarsier/face/landmarks/model.h"
+#include "tarsier/face/regression/visibility.h"
 
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
@@ -38,11 +39,11 @@ struct TrackerOptions {
 
 struct TrackedFace {
   int id = 0;
-  Eigen::Matrix2Xd points;  // px, smoothed if requested
-  double score = 1;         // 0..1
-  cv::Rect2d box;           // px, as a detector would give it
-  double detection = 1;     // in stills: score of the detector, 0..1
-  Visibility visibility;    // of the points; empty if the model has no visibility part
+  Eigen::Matrix2Xd points;            // px, smoothed if requested
+  double score = 1;                   // 0..1
+  cv::Rect2d box;                     // px, as a detector would give it
+  double detection = 1;               // in stills: score of the detector, 0..1
+  regression::Visibility visibility;  // of the points; empty if the model has no visibility part
 };
 
 struct TrackerState {

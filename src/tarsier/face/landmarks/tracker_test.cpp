@@ -3,8 +3,10 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/face/detect/box_detector.h"
-#include "tarsier/face/landmarks/testing_blobs.h"
-#include "tarsier/face/landmarks/train_model.h"
+#include "tarsier/face/regression/descent.h"
+#include "tarsier/face/regression/quality.h"
+#include "tarsier/face/regression/starts.h"
+#include "tarsier/face/regression/testing_blobs.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/testing_folder.h"
 
@@ -19,20 +21,20 @@ namespace {
 // A model of blobs with descent and quality, trained once.
 const LandmarkModel& blob_model() {
   static const LandmarkModel model = [] {
-    const std::vector<TrainingFace> faces = test_support::blob_faces(60, 3);
+    const std::vector<regression::TrainingFace> faces = regression::test_support::blob_faces(60, 3);
     std::vector<Eigen::Matrix2Xd> shapes;
-    for (const TrainingFace& face : faces) shapes.push_back(face.points);
+    for (const regression::TrainingFace& face : faces) shapes.push_back(face.points);
     LandmarkModel result;
     result.shape = shape::train_shape_model(shapes);
     result.eyes = {0, 2};
     NoProgress silent;
-    DescentOptions options;
+    regression::DescentOptions options;
     options.stages = {{16, 0.4}, {24, 0.25}};
     options.components = 16;
     options.ridge = 0.1;
-    result.descent =
-        train_descent(faces, scattered_starts(faces, result.shape.mean, 6, 1), options, silent, {});
-    std::vector<RatedFit> fits;
+    result.descent = regression::train_descent(
+        faces, regression::scattered_starts(faces, result.shape.mean, 6, 1), options, silent, {});
+    std::vector<regression::RatedFit> fits;
     Rng rng(4);
     for (int f = 0; f < 60; ++f) {
       const Eigen::Matrix2Xd& truth = faces[static_cast<std::size_t>(f)].points;
@@ -42,7 +44,8 @@ const LandmarkModel& blob_model() {
             {f, truth.colwise() + Eigen::Vector2d(rng.normal(0, 25), rng.normal(0, 25))});
       }
     }
-    result.quality = train_quality(faces, fits, QualityOptions{}, silent, {});
+    result.quality =
+        regression::train_quality(faces, fits, regression::QualityOptions{}, silent, {});
     return result;
   }();
   return model;
@@ -76,8 +79,8 @@ std::vector<FittedFace> found_by_box(const LandmarkModel& model, const cv::Mat& 
 TEST(FindFaces, ShiftedBoxIsEnoughForAConfidentDetection) {
   Rng rng(3);
   const Eigen::Matrix2Xd truth =
-      (test_support::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(150, 90);
-  const cv::Mat gray = test_support::draw_blobs(truth, 28, {320, 180}, rng);
+      (regression::test_support::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(150, 90);
+  const cv::Mat gray = regression::test_support::draw_blobs(truth, 28, {320, 180}, rng);
   for (const double shift : {0.0, 30.0, -30.0}) {
     const std::vector<FittedFace> faces = found_by_box(blob_model(), gray, truth, shift, 0.9);
     ASSERT_EQ(faces.size(), 1U) << shift;
@@ -91,7 +94,7 @@ TEST(FindFaces, ShiftedBoxIsEnoughForAConfidentDetection) {
 
 TEST(FindFaces, RejectsConfidentDetectionWithBadFit) {
   const Eigen::Matrix2Xd somewhere =
-      (test_support::blob_shape(0) * 28).colwise() + Eigen::Vector2d(150, 90);
+      (regression::test_support::blob_shape(0) * 28).colwise() + Eigen::Vector2d(150, 90);
   const cv::Mat nothing(180, 320, CV_8UC1, cv::Scalar(70));
   LandmarkModel model = blob_model();
   const std::vector<FittedFace> kept = found_by_box(model, nothing, somewhere, 0, 0.99);
@@ -113,8 +116,8 @@ class TrackerTest : public FolderTest {
   // Processes a frame with the object at `x`; the first call starts the track.
   std::vector<TrackedFace> show(double x, int frame, bool visible = true) {
     Rng rng(static_cast<std::uint64_t>(frame) + 1);
-    truth_ = (test_support::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(x, 90);
-    const cv::Mat gray = visible ? test_support::draw_blobs(truth_, 28, {320, 180}, rng)
+    truth_ = (regression::test_support::blob_shape(0.1) * 28).colwise() + Eigen::Vector2d(x, 90);
+    const cv::Mat gray = visible ? regression::test_support::draw_blobs(truth_, 28, {320, 180}, rng)
                                  : cv::Mat(180, 320, CV_8UC1, 70);
     TrackerState::Track& track = state_.tracks.front();
     if (track.raw.cols() == 0) {
@@ -165,9 +168,9 @@ TEST_F(TrackerTest, RejectsInconsistentModelFiles) {
   write_landmark_model(path("m.json"), blob_model(), nlohmann::json::object());
   Archive archive = read_archive(path("m.json"), "landmark-tracker", 1);
   LandmarkModel other = blob_model();
-  Descent& descent = *other.descent;
+  regression::Descent& descent = *other.descent;
   descent.mean = descent.mean.leftCols(8).eval();
-  for (Descent::Stage& stage : descent.stages) {
+  for (regression::Descent::Stage& stage : descent.stages) {
     const Eigen::Index kept = stage.components.cols();
     stage.weights = stage.weights.topLeftCorner(16, 8 * kept).eval();
     stage.bias = stage.bias.head(16).eval();
@@ -188,16 +191,17 @@ TEST(BoxModel, IsTheMedianOverCorrectBoxes) {
   std::vector<Eigen::Matrix2Xd> shapes;
   std::vector<cv::Rect2d> boxes;
   for (int i = 0; i < 9; ++i) {
-    shapes.push_back((test_support::blob_shape(0) * 20).colwise() + Eigen::Vector2d(100, 110));
+    shapes.push_back((regression::test_support::blob_shape(0) * 20).colwise() +
+                     Eigen::Vector2d(100, 110));
     boxes.emplace_back(60 + i - 4, 60, 80, 80);
   }
   boxes[0] = {300, 300, 80, 80};  // of another object
   boxes[1] = {};                  // not found
   const BoxModel model = train_box_model(shapes, boxes);
   EXPECT_EQ(model.trained_on, 7);
-  EXPECT_NEAR(model.size, shape_size(shapes[0]) / 80, 1e-9);
+  EXPECT_NEAR(model.size, regression::shape_size(shapes[0]) / 80, 1e-9);
   const Eigen::Vector2d center = shapes[0].rowwise().mean();
-  const Eigen::Matrix2Xd mean = (shapes[0].colwise() - center) / shape_size(shapes[0]);
+  const Eigen::Matrix2Xd mean = (shapes[0].colwise() - center) / regression::shape_size(shapes[0]);
   const Eigen::Matrix2Xd start = start_in_box(model, mean, {60, 60, 80, 80});
   EXPECT_NEAR(start.row(1).mean(), 110, 1e-6);
   const cv::Rect2d back = box_around(model, shapes[0]);
@@ -214,7 +218,7 @@ TEST(AlphaBetaFilter, ReducesNoiseAtRestAndFollowsMotion) {
   double raw = 0;
   double calm = 0;
   double lag = 0;
-  const Eigen::Matrix2Xd shape = test_support::blob_shape(0) * 50;
+  const Eigen::Matrix2Xd shape = regression::test_support::blob_shape(0) * 50;
   for (int t = 0; t < 200; ++t) {
     Eigen::Matrix2Xd noise(2, shape.cols());
     for (Eigen::Index i = 0; i < noise.size(); ++i) noise(i) = rng.normal(0, 1);

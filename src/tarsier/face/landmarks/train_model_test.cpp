@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/face/landmarks/train_model.h"
 
-#include "tarsier/face/landmarks/testing_blobs.h"
+#include "tarsier/face/regression/testing_blobs.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
 
@@ -20,7 +20,7 @@ class TrainModelTest : public FolderTest {
     set.mirror = {2, 1, 0, 5, 4, 3, 8, 7, 6};
     Rng rng(4);
     for (int i = 0; i < count; ++i) {
-      const TrainingFace face = test_support::blob_face(rng);
+      const regression::TrainingFace face = regression::test_support::blob_face(rng);
       shape::LandmarkSample sample;
       sample.image = path("face" + std::to_string(i) + ".png");
       sample.points = face.points;
@@ -54,14 +54,14 @@ TEST_F(TrainModelTest, ExtraFacesDoNotChangeTheShapeModel) {
   const TrainedModel plain = train(set, quick());
   EXPECT_EQ(plain.extra, 0);
   TrainModelOptions options = quick();
-  options.extra = [](const TrainingFace& face, std::uint64_t) {
-    TrainingFace copy = face;
+  options.extra = [](const regression::TrainingFace& face, std::uint64_t) {
+    regression::TrainingFace copy = face;
     copy.points.row(1) *= 0.7;
-    return std::vector<TrainingFace>{copy, face};
+    return std::vector<regression::TrainingFace>{copy, face};
   };
   std::atomic<int> asked = 0;
   options.shaped_starts = 3;
-  options.start_shapes = [&](const TrainingFace& face, int count, std::uint64_t) {
+  options.start_shapes = [&](const regression::TrainingFace& face, int count, std::uint64_t) {
     asked += count;
     return std::vector<Eigen::Matrix2Xd>(static_cast<std::size_t>(count), face.points);
   };
@@ -77,10 +77,10 @@ TEST_F(TrainModelTest, ExtraFacesDoNotChangeTheShapeModel) {
 TEST_F(TrainModelTest, TheSameForAnyNumberOfThreads) {
   const shape::LandmarkSet set = faces(4);
   TrainModelOptions options = quick();
-  options.extra = [](const TrainingFace& face, std::uint64_t seed) {
-    TrainingFace copy = face;
+  options.extra = [](const regression::TrainingFace& face, std::uint64_t seed) {
+    regression::TrainingFace copy = face;
     copy.points.array() += Rng(seed).uniform();
-    return std::vector<TrainingFace>{copy};
+    return std::vector<regression::TrainingFace>{copy};
   };
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
@@ -94,7 +94,7 @@ TEST_F(TrainModelTest, TheSameForAnyNumberOfThreads) {
 
 TEST_F(TrainModelTest, RejectsInvalidStartShapes) {
   TrainModelOptions options = quick();
-  options.start_shapes = [](const TrainingFace&, int, std::uint64_t) {
+  options.start_shapes = [](const regression::TrainingFace&, int, std::uint64_t) {
     return std::vector<Eigen::Matrix2Xd>{Eigen::Matrix2Xd::Zero(2, 3)};
   };
   EXPECT_THROW((void)train(faces(2), options), std::invalid_argument);

@@ -7,9 +7,10 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/core/statistics.h"
 #include "tarsier/face/detect/detector.h"
-#include "tarsier/face/landmarks/descent.h"
-#include "tarsier/face/landmarks/training_face.h"
 #include "tarsier/face/pipelines/annotator_match.h"
+#include "tarsier/face/regression/descent.h"
+#include "tarsier/face/regression/starts.h"
+#include "tarsier/face/regression/training_face.h"
 #include "tarsier/face/shape/shape_model.h"
 #include "tarsier/face/shape/similarity.h"
 #include "tarsier/media/image_file.h"
@@ -37,17 +38,9 @@ constexpr int kFitStarts = 6;  // the result is their median
 
 bool box_contains_shape(const cv::Rect& box, const Matrix2Xd& points) {
   const Vector2d center = points.rowwise().mean();
-  const double size = landmarks::shape_size(points);
+  const double size = regression::shape_size(points);
   return box.contains({cvRound(center.x()), cvRound(center.y())}) && box.width < 8 * size &&
          box.width > size;
-}
-
-// Places the (centred) mean by a similarity, with this centre, size and angle.
-Matrix2Xd place_mean_shape(const Matrix2Xd& mean, const Vector2d& center, double size,
-                           double angle) {
-  const shape::Similarity2d place{size * std::cos(angle), size * std::sin(angle), center.x(),
-                                  center.y()};
-  return place(mean);
 }
 
 bool same_samples(const shape::LandmarkSet& a, const shape::LandmarkSet& b) {
@@ -79,7 +72,7 @@ struct Annotator::Impl {
       const double width = box.width;
       return {(center.x() - box.x - 0.5 * (box.width - 1)) / width,
               (center.y() - box.y - 0.5 * (box.height - 1)) / width,
-              landmarks::shape_size(points) / width};
+              regression::shape_size(points) / width};
     }
   };
 
@@ -95,8 +88,8 @@ struct Annotator::Impl {
   std::map<std::string, std::vector<cv::Rect>> boxes;  // by path; each image is searched once
   shape::LandmarkSet trained_for;
   bool is_trained = false;
-  std::vector<landmarks::TrainingFace> faces;
-  landmarks::Descent descent;
+  std::vector<regression::TrainingFace> faces;
+  regression::Descent descent;
   std::optional<BoxOffset> box_offset_model;
   StartNoise start_noise;
 
@@ -116,7 +109,7 @@ struct Annotator::Impl {
     shape::LandmarkSet result;
     const Matrix2Xd* complete = nullptr;
     for (const shape::LandmarkSample& sample : annotated.samples)
-      if (sample.is_complete() && landmarks::shape_size(sample.points) > 2)
+      if (sample.is_complete() && regression::shape_size(sample.points) > 2)
         complete = &sample.points;
     if (complete == nullptr) return result;
     for (auto sample = annotated.samples.rbegin(); sample != annotated.samples.rend(); ++sample) {
@@ -132,7 +125,7 @@ struct Annotator::Impl {
         for (int i = 0; i < count; ++i)
           if (filled.is_missing(i)) filled.points.col(i) = guess.col(i);
       }
-      if (landmarks::shape_size(filled.points) < 2) continue;
+      if (regression::shape_size(filled.points) < 2) continue;
       result.samples.push_back(std::move(filled));
     }
     std::reverse(result.samples.begin(), result.samples.end());
@@ -143,38 +136,38 @@ struct Annotator::Impl {
     is_trained = false;
     NoProgress quiet;
     std::vector<std::string> skipped;
-    landmarks::LoadOptions load;
+    regression::LoadOptions load;
     load.largest = 300;
-    faces = landmarks::load_training_faces(set, "", load, quiet, {}, skipped);
+    faces = regression::load_training_faces(set, "", load, quiet, {}, skipped);
     if (static_cast<int>(faces.size()) < options.min_faces) return;
     learn_box_offset(set);
 
-    std::vector<landmarks::Start> starts;
+    std::vector<regression::Start> starts;
     const Rng rng(options.seed);
     std::vector<Matrix2Xd> shapes;
-    for (const landmarks::TrainingFace& face : faces) shapes.push_back(face.points);
+    for (const regression::TrainingFace& face : faces) shapes.push_back(face.points);
     const Matrix2Xd mean = shape::train_shape_model(shapes).mean;
     for (std::size_t f = 0; f < faces.size(); ++f) {
       Rng own = rng.fork(f);
       const Vector2d center = shapes[f].rowwise().mean();
-      const double size = landmarks::shape_size(shapes[f]);
+      const double size = regression::shape_size(shapes[f]);
       for (int k = 0; k < options.starts; ++k) {
         const Vector2d at =
             center + start_noise.shift * size * Vector2d(own.normal(), own.normal());
         starts.push_back(
-            {static_cast<int>(f),
-             place_mean_shape(mean, at, size * std::exp(start_noise.scale * own.normal()),
-                              start_noise.angle * own.normal())});
+            {static_cast<int>(f), regression::place_mean_shape(
+                                      mean, at, size * std::exp(start_noise.scale * own.normal()),
+                                      start_noise.angle * own.normal())});
       }
     }
-    landmarks::DescentOptions how;
+    regression::DescentOptions how;
     how.stages = {{20, 0.35}, {30, 0.25}, {45, 0.18}, {60, 0.12}};
     // Few faces allow few components. The time of training grows with the third power of their
     // number.
     how.components = std::clamp(600 / descent_points(set), 4, 24);
     how.ridge = 1;
     how.seed = options.seed;
-    descent = landmarks::train_descent(faces, starts, how, quiet, {});
+    descent = regression::train_descent(faces, starts, how, quiet, {});
     is_trained = true;
   }
 
@@ -230,7 +223,7 @@ struct Annotator::Impl {
       if (!found.empty()) {
         const cv::Rect& box = found.front();
         const Vector2d middle(box.x + 0.5 * (box.width - 1), box.y + 0.5 * (box.height - 1));
-        return place_mean_shape(
+        return regression::place_mean_shape(
             descent.mean, middle + Vector2d(box_offset_model->dx, box_offset_model->dy) * box.width,
             box_offset_model->size * box.width, 0);
       }
@@ -244,7 +237,7 @@ struct Annotator::Impl {
   // images.
   [[nodiscard]] std::optional<Matrix2Xd> transfer_by_boxes(const shape::LandmarkSample& near,
                                                            const cv::Mat& gray) {
-    if (!detector || landmarks::shape_size(near.points) < 2) return std::nullopt;
+    if (!detector || regression::shape_size(near.points) < 2) return std::nullopt;
     const std::vector<cv::Rect> target_boxes = detector->detect(gray);
     for (const cv::Rect& from : boxes_of(near.image)) {
       if (target_boxes.empty() || !box_contains_shape(from, near.points)) continue;
@@ -257,7 +250,7 @@ struct Annotator::Impl {
       one.samples.push_back(near);
       NoProgress quiet;
       std::vector<std::string> skipped;
-      const auto face = landmarks::load_training_faces(one, "", {}, quiet, {}, skipped);
+      const auto face = regression::load_training_faces(one, "", {}, quiet, {}, skipped);
       return proposals::refine(face, gray, points);
     }
     return std::nullopt;
@@ -266,7 +259,7 @@ struct Annotator::Impl {
   [[nodiscard]] std::optional<Matrix2Xd> fit(const ProposalRequest& request) {
     const std::optional<Matrix2Xd> first = start(request);
     if (!first) return std::nullopt;
-    landmarks::DescentWorkspace workspace;
+    regression::DescentWorkspace workspace;
     Matrix2Xd result = *first;
     // Two rounds: the first fit gives position, size and angle more precisely than the search.
     for (int round = 0; round < 2; ++round) {
@@ -283,15 +276,16 @@ struct Annotator::Impl {
         const Vector2d at = Vector2d(place.tx, place.ty) + noise_scale * start_noise.shift *
                                                                place.scale() *
                                                                Vector2d(across, down);
-        fits.push_back(landmarks::fit_descent(
-            descent, request.gray, place_mean_shape(descent.mean, at, size, angle), workspace));
+        fits.push_back(regression::fit_descent(
+            descent, request.gray, regression::place_mean_shape(descent.mean, at, size, angle),
+            workspace));
       }
       for (Eigen::Index i = 0; i < result.size(); ++i) {
         std::vector<double> values;
         for (const Matrix2Xd& one : fits) values.push_back(one.data()[i]);
         result.data()[i] = upper_median(std::move(values));
       }
-      if (landmarks::shape_size(result) < 2) return std::nullopt;
+      if (regression::shape_size(result) < 2) return std::nullopt;
     }
     return proposals::refine(faces, request.gray, result);
   }

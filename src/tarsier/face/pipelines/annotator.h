@@ -63,7 +63,7 @@ struct AnnotatorOptions {
 //
 // With fewer than `min_faces` finished images, the points of the nearest image are moved by optical
 // flow. If the two images are too different, the points are transferred by the face detector's
-// boxes, if possible. From `min_faces` on, supervised descent (landmarks/descent.h) fits the
+// boxes, if possible. From `min_faces` on, supervised descent (regression/descent.h) fits the
 // points. It starts from the mean shape, placed by the face detector if that finds the annotated
 // object in most images, otherwise at the best match of the mean appearance. Each point is then
 // refined by comparing its surroundings with the most similar finished images. The model is trained

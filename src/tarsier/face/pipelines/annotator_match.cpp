@@ -62,13 +62,13 @@ double peak_offset(double before, double middle, double after) {
   return bend < 0 ? std::clamp(0.5 * (before - after) / bend, -0.5, 0.5) : 0;
 }
 
-Matrix2Xd centred_mean(const std::vector<landmarks::TrainingFace>& faces) {
+Matrix2Xd centred_mean(const std::vector<regression::TrainingFace>& faces) {
   // The first face can serve as the reference frame, because images are only compared.
   Matrix2Xd sum = Matrix2Xd::Zero(2, faces[0].points.cols());
-  for (const landmarks::TrainingFace& face : faces)
+  for (const regression::TrainingFace& face : faces)
     sum += shape::fit_similarity(face.points, faces[0].points)(face.points);
   sum.colwise() -= Vector2d(sum.rowwise().mean());
-  return sum / landmarks::shape_size(sum);
+  return sum / regression::shape_size(sum);
 }
 
 }  // namespace
@@ -134,7 +134,7 @@ std::optional<Matrix2Xd> transfer_by_flow(const cv::Mat& from, const Matrix2Xd& 
   return result;
 }
 
-std::optional<Matrix2Xd> match_mean_image(const std::vector<landmarks::TrainingFace>& faces,
+std::optional<Matrix2Xd> match_mean_image(const std::vector<regression::TrainingFace>& faces,
                                           const Matrix2Xd& mean, const cv::Mat& gray,
                                           const Matrix2Xd& last) {
   if (faces.empty()) return std::nullopt;
@@ -143,7 +143,7 @@ std::optional<Matrix2Xd> match_mean_image(const std::vector<landmarks::TrainingF
   const double reach = mean.cwiseAbs().maxCoeff() + kMargin;
   const int half = static_cast<int>(std::ceil(reach * kTemplateSize_px));
   cv::Mat sum;
-  for (const landmarks::TrainingFace& face : faces) {
+  for (const regression::TrainingFace& face : faces) {
     cv::Mat one = warp_to_shape_frame(face.gray, face.points, mean, kTemplateSize_px, half).gray;
     cv::Scalar mean_level;
     cv::Scalar deviation;
@@ -156,8 +156,8 @@ std::optional<Matrix2Xd> match_mean_image(const std::vector<landmarks::TrainingF
     }
   }
   std::vector<double> sizes;  // px of the images
-  for (const landmarks::TrainingFace& face : faces)
-    sizes.push_back(landmarks::shape_size(face.points) * face.scale);
+  for (const regression::TrainingFace& face : faces)
+    sizes.push_back(regression::shape_size(face.points) * face.scale);
   Matrix2Xd known(2, 0);
   for (Eigen::Index i = 0; i < last.cols(); ++i) {
     if (last.col(i).hasNaN()) continue;
@@ -193,9 +193,9 @@ std::optional<Matrix2Xd> match_mean_image(const std::vector<landmarks::TrainingF
   return result;
 }
 
-Matrix2Xd refine(const std::vector<landmarks::TrainingFace>& faces, const cv::Mat& gray,
+Matrix2Xd refine(const std::vector<regression::TrainingFace>& faces, const cv::Mat& gray,
                  const Matrix2Xd& points) {
-  if (faces.empty() || landmarks::shape_size(points) < 2) return points;
+  if (faces.empty() || regression::shape_size(points) < 2) return points;
   constexpr double kMaxDisplacement = 0.10;    // sizes, max displacement of a point
   constexpr double kWindow = 0.22;             // sizes, half a window
   constexpr std::size_t kMaxSimilarFaces = 5;  // number of most similar faces used
@@ -203,10 +203,10 @@ Matrix2Xd refine(const std::vector<landmarks::TrainingFace>& faces, const cv::Ma
   constexpr double kDisplacementScale = 0.06;  // sizes
   constexpr double kDisplacementCost = 0.12;   // of sqrt(2) kDisplacementScale
   std::vector<double> sizes;
-  for (const landmarks::TrainingFace& face : faces)
-    sizes.push_back(landmarks::shape_size(face.points));
+  for (const regression::TrainingFace& face : faces)
+    sizes.push_back(regression::shape_size(face.points));
   const double px =
-      std::clamp(std::min(upper_median(sizes), landmarks::shape_size(points)), 12.0, 60.0);
+      std::clamp(std::min(upper_median(sizes), regression::shape_size(points)), 12.0, 60.0);
   const Matrix2Xd mean = centred_mean(faces);
   const double extent = mean.cwiseAbs().maxCoeff() + kWindow + kMaxDisplacement + 0.6;
   const int half = static_cast<int>(std::ceil(extent * px));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/face/landmarks/training_face.h"
+#include "tarsier/face/regression/training_face.h"
 
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
@@ -24,12 +24,12 @@ namespace tarsier::face::proposals {
 // matches best by normalised correlation. Searches the whole of `gray`, at sizes around that of
 // `last` (points, px) and of the faces.
 [[nodiscard]] std::optional<Eigen::Matrix2Xd> match_mean_image(
-    const std::vector<landmarks::TrainingFace>& faces, const Eigen::Matrix2Xd& mean,
+    const std::vector<regression::TrainingFace>& faces, const Eigen::Matrix2Xd& mean,
     const cv::Mat& gray, const Eigen::Matrix2Xd& last);
 
 // Moves each point a little, to where its surroundings match those of the same point in the most
 // similar faces. Compares small windows by normalised correlation, in the frame of the shape.
-[[nodiscard]] Eigen::Matrix2Xd refine(const std::vector<landmarks::TrainingFace>& faces,
+[[nodiscard]] Eigen::Matrix2Xd refine(const std::vector<regression::TrainingFace>& faces,
                                       const cv::Mat& gray, const Eigen::Matrix2Xd& points);
 
 }  // namespace tarsier::face::proposals

@@ -3,7 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/face/landmarks/occlusion.h"
+#include "tarsier/face/regression/occlusion.h"
 #include "tarsier/media/image_file.h"
 
 #include <algorithm>
@@ -90,7 +90,7 @@ cv::Mat PoseEvaluator::occluded(const cv::Mat& image, const cv::Mat& texture, Rn
   frame.still = true;
   cv::Mat result = frame.image.clone();
   for (const PosedFace& face : tracker_.process(frame, state_).faces)
-    (void)landmarks::draw_occlusion(result, face.face.points, texture, rng);
+    (void)regression::draw_occlusion(result, face.face.points, texture, rng);
   return result;
 }
 

@@ -51,7 +51,7 @@ struct PointingImage {
 
 struct PoseEvaluationOptions {
   // Occlude each detected face by a part of another image or by one grey level
-  // (landmarks::draw_occlusion()), and find its pose again.
+  // (regression::draw_occlusion()), and find its pose again.
   bool occlude = false;
   std::uint64_t seed = 1;  // of the occlusions
 };

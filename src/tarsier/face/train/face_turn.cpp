@@ -266,12 +266,13 @@ bool is_within_limits(const TurnedFace& turned, const CopyOptions& options) {
 
 }  // namespace
 
-std::vector<landmarks::TrainingFace> turned_copies(const FaceTurner& turner,
-                                                   const landmarks::TrainingFace& face,
-                                                   const CopyOptions& options, std::uint64_t seed) {
+std::vector<regression::TrainingFace> turned_copies(const FaceTurner& turner,
+                                                    const regression::TrainingFace& face,
+                                                    const CopyOptions& options,
+                                                    std::uint64_t seed) {
   options.check();
   Rng rng(seed);
-  std::vector<landmarks::TrainingFace> copies;
+  std::vector<regression::TrainingFace> copies;
   for (int k = 0; k < options.copies; ++k) {
     for (int attempt = 0; attempt < options.attempts; ++attempt) {
       // Up and down alternate, so that few copies are balanced too.
@@ -280,7 +281,7 @@ std::vector<landmarks::TrainingFace> turned_copies(const FaceTurner& turner,
       const double yaw = rng.uniform(-options.max_yaw_deg, options.max_yaw_deg);
       std::optional<TurnedFace> turned = turner.turn(face.gray, face.points, pitch, yaw);
       if (!turned || !is_within_limits(*turned, options)) continue;
-      landmarks::TrainingFace copy = face;
+      regression::TrainingFace copy = face;
       copy.gray = std::move(turned->gray);
       copy.points = std::move(turned->points);
       copy.box.reset();

@@ -4,7 +4,7 @@
 #include "tarsier/core/option_fields.h"
 #include "tarsier/face/head/angles.h"
 #include "tarsier/face/head/head_pose.h"
-#include "tarsier/face/landmarks/training_face.h"
+#include "tarsier/face/regression/training_face.h"
 #include "tarsier/geometry/camera.h"
 
 #include <Eigen/Core>
@@ -99,8 +99,8 @@ struct CopyOptions {
 // Rotated copies of a training face, marked as turned. Fewer than requested if all attempts hide
 // too much or exceed the options. The face must have as many points as the turner. Deterministic by
 // the seed.
-[[nodiscard]] std::vector<landmarks::TrainingFace> turned_copies(
-    const FaceTurner& turner, const landmarks::TrainingFace& face, const CopyOptions& options,
+[[nodiscard]] std::vector<regression::TrainingFace> turned_copies(
+    const FaceTurner& turner, const regression::TrainingFace& face, const CopyOptions& options,
     std::uint64_t seed);
 
 }  // namespace tarsier::face::train

@@ -55,8 +55,8 @@ class FaceTurnTest : public ::testing::Test {
             cv::saturate_cast<std::uint8_t>(90 + 25 * std::sin(x / 31.0) + 25 * std::cos(y / 23.0));
     return image;
   }
-  static landmarks::TrainingFace face(const head::HeadAngles& angles) {
-    landmarks::TrainingFace result;
+  static regression::TrainingFace face(const head::HeadAngles& angles) {
+    regression::TrainingFace result;
     result.gray = background_image();
     result.points = projected(angles);
     result.name = "mean";
@@ -165,11 +165,11 @@ TEST_F(FaceTurnTest, CopiesRespectTheOptions) {
   CopyOptions options;
   options.copies = 6;
   options.min_pitch_deg = 12;
-  const landmarks::TrainingFace from = face({10, 0, 0});
+  const regression::TrainingFace from = face({10, 0, 0});
   const auto copies = turned_copies(*turner_, from, options, 5);
   ASSERT_EQ(copies.size(), 6U);
   int up = 0;
-  for (const landmarks::TrainingFace& copy : copies) {
+  for (const regression::TrainingFace& copy : copies) {
     EXPECT_TRUE(copy.turned);
     EXPECT_EQ(copy.name, "mean");
     const head::HeadAngles now = angles_of(copy.points);
