@@ -172,6 +172,7 @@ FlagInfo Flag::describe() const {
   const CLI::Option& option = *parts_->option;
   const auto sorted_names = [](const std::set<CLI::Option*>& others) {
     std::vector<std::string> names;
+    names.reserve(others.size());
     for (const CLI::Option* other : others) names.push_back(other->get_name());
     std::sort(names.begin(), names.end());  // a set of pointers has no defined order
     return names;

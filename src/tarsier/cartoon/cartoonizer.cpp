@@ -11,6 +11,7 @@
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 namespace tarsier::cartoon {
 namespace {
@@ -38,8 +39,8 @@ Cartoonizer Cartoonizer::load(const ModelStore& models, const CartoonOptions& op
                        : ""};
 }
 
-Cartoonizer::Cartoonizer(const CartoonOptions& options, const std::string& cascade)
-    : cascade_(cascade) {
+Cartoonizer::Cartoonizer(const CartoonOptions& options, std::string cascade)
+    : cascade_(std::move(cascade)) {
   set_options(options);
 }
 

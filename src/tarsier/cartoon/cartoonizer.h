@@ -75,7 +75,7 @@ class Cartoonizer {
                                       const std::stop_token& stop = {}) const;
 
  private:
-  Cartoonizer(const CartoonOptions& options, const std::string& cascade);
+  Cartoonizer(const CartoonOptions& options, std::string cascade);
 
   std::string cascade_;  // path in the store; empty means OpenCV's
   CartoonOptions options_;

@@ -31,6 +31,7 @@ Mode parse_mode(std::string_view name) { return kModes.parse(name); }
 const std::vector<Mode>& all_modes() {
   static const std::vector<Mode> modes = [] {
     std::vector<Mode> list;
+    list.reserve(kModes.names.size());
     for (const auto& entry : kModes.names) list.push_back(entry.first);
     return list;
   }();

@@ -40,6 +40,7 @@ struct NameTable {
   }
   [[nodiscard]] std::vector<std::string> choices() const {
     std::vector<std::string> all;
+    all.reserve(names.size());
     for (const auto& [value, known] : names) all.emplace_back(known);
     return all;
   }

@@ -19,7 +19,7 @@ std::uint64_t splitmix64(std::uint64_t& x) {
 
 }  // namespace
 
-Rng::Rng(std::uint64_t seed) : seed_(seed), state_{} {
+Rng::Rng(std::uint64_t seed) : seed_(seed) {
   for (std::uint64_t& word : state_) word = splitmix64(seed);
 }
 

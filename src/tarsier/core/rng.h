@@ -32,7 +32,7 @@ class Rng {
 
  private:
   std::uint64_t seed_;
-  std::array<std::uint64_t, 4> state_;
+  std::array<std::uint64_t, 4> state_{};
   double spare_ = 0;
   bool has_spare_ = false;
 };

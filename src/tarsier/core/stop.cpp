@@ -17,7 +17,7 @@ namespace {
 std::atomic<int> immediate_ends = 0;
 std::atomic<int> first_signal = 0;
 
-void wait_for_signals(std::stop_source source, sigset_t signals) {
+void wait_for_signals(const std::stop_source& source, sigset_t signals) {
   int signal_number = 0;
   while (sigwait(&signals, &signal_number) == 0) {
     int none = 0;

@@ -47,8 +47,8 @@ class ModelFields {
   ModelFields() = default;
   // For reading `object`, which must outlive this. Throws ModelError(path) for fields that do not
   // match.
-  ModelFields(const nlohmann::json& object, const std::string& path)
-      : from_(&object), path_(path) {}
+  ModelFields(const nlohmann::json& object, std::string path)
+      : from_(&object), path_(std::move(path)) {}
 
   [[nodiscard]] bool reads() const { return from_ != nullptr; }
   // Path of the file being read.

@@ -70,6 +70,7 @@ struct Order {
 Order cuthill_mckee_order(const std::vector<std::vector<int>>& neighbours,
                           std::size_t degree_factor) {
   std::vector<std::size_t> degrees;
+  degrees.reserve(neighbours.size());
   for (const std::vector<int>& adjacent : neighbours) degrees.push_back(adjacent.size());
   const auto median = degrees.begin() + static_cast<std::ptrdiff_t>(degrees.size() / 2);
   std::nth_element(degrees.begin(), median, degrees.end());

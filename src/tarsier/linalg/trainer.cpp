@@ -17,6 +17,7 @@
 #include <cstring>
 #include <exception>
 #include <numbers>
+#include <utility>
 
 namespace tarsier::linalg {
 namespace {
@@ -277,7 +278,7 @@ void TrainOptions::check() const {
 }
 
 void train(Network& network, const TrainOptions& options, const MakeExample& make, const Loss& loss,
-           const Report& report, std::stop_token stop) {
+           const Report& report, const std::stop_token& stop) {
   options.check();
   network.check();
   std::vector<Shard> shards(kShards);
@@ -354,7 +355,7 @@ void train(Network& network, const TrainOptions& options, std::string_view stage
         progress.advance(step - done);
         done = step;
       },
-      stop);
+      std::move(stop));
   progress.end();
 }
 

@@ -84,7 +84,7 @@ using Report = std::function<void(int step, double loss)>;
 // an exponential moving average over the last steps (Polyak and Juditsky, 1992). Throws Interrupted
 // if `stop` is requested.
 void train(Network& network, const TrainOptions& options, const MakeExample& make, const Loss& loss,
-           const Report& report, std::stop_token stop);
+           const Report& report, const std::stop_token& stop);
 
 // The same, reported as a stage of `progress`.
 void train(Network& network, const TrainOptions& options, std::string_view stage,

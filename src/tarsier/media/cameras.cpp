@@ -220,7 +220,7 @@ std::string find_program_on_path(std::string_view name) {
     const std::string_view folder = folders.substr(0, colon);
     folders.remove_prefix(std::min(colon + 1, folders.size()));
     if (folder.empty()) continue;  // the current folder: never
-    const std::string path = fmt::format("{}/{}", folder, name);
+    std::string path = fmt::format("{}/{}", folder, name);
     struct stat status {};
     if (::stat(path.c_str(), &status) == 0 && S_ISREG(status.st_mode) &&
         ::access(path.c_str(), X_OK) == 0) {

@@ -137,10 +137,12 @@ std::optional<LiveFailure> ChildBackend::spawn() {
   }
   for (const auto& [name, value] : command_.environment) variables.push_back(name + "=" + value);
   std::vector<char*> environment;
+  environment.reserve(variables.size());
   for (std::string& variable : variables) environment.push_back(variable.data());
   environment.push_back(nullptr);
   std::vector<std::string> words = command_.arguments;
   std::vector<char*> arguments;
+  arguments.reserve(words.size());
   for (std::string& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);
 
@@ -326,9 +328,9 @@ std::string find_capture_program(const SourceOptions& options) {
   std::error_code error;
   const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
   const auto folder = self.parent_path();
-  const std::string candidate = (folder / "tarsier-capture").string();
+  std::string candidate = (folder / "tarsier-capture").string();
   if (can_run(candidate)) return candidate;
-  const std::string installed = (folder.parent_path() / "libexec/tarsier/tarsier-capture").string();
+  std::string installed = (folder.parent_path() / "libexec/tarsier/tarsier-capture").string();
   if (can_run(installed)) return installed;
   throw InputError(candidate,
                    "no such program; it captures from cameras and belongs beside tarsier (or in "

@@ -67,7 +67,7 @@ std::string CropServer::add(const cv::Mat& image) {
   const std::vector<std::uint8_t> jpeg = encode_image(".jpg", image, options_.folder);
   Sha256 sum;
   sum.add(jpeg);
-  const std::string hash = sum.hex();
+  std::string hash = sum.hex();
   const fs::path folder(options_.folder);
   const std::lock_guard lock(mutex_);
   if (std::find(hashes_.begin(), hashes_.end(), hash) != hashes_.end()) return hash;
@@ -86,7 +86,7 @@ std::string CropServer::url_of(const std::string& hash) const {
   return server_->url() + std::string(kPath.substr(1)) + hash + std::string(kEnding);
 }
 
-bool CropServer::respond(MHD_Connection* connection, std::string_view path) {
+bool CropServer::respond(MHD_Connection* connection, std::string_view path) const {
   std::string hash;
   if (path.starts_with(kPath) && path.ends_with(kEnding))
     hash = path.substr(kPath.size(), path.size() - kPath.size() - kEnding.size());

@@ -40,7 +40,7 @@ class CropServer {
   [[nodiscard]] std::string url_of(const std::string& hash) const;
 
  private:
-  bool respond(MHD_Connection* connection, std::string_view path);
+  bool respond(MHD_Connection* connection, std::string_view path) const;
 
   CropServerOptions options_;
   std::mutex mutex_;

@@ -89,8 +89,8 @@ class ImageSink final : public FrameSink {
 
 class FolderSink final : public FrameSink {
  public:
-  FolderSink(std::string path, const SinkOptions& options)
-      : path_(std::move(path)), options_(options) {
+  FolderSink(std::string path, SinkOptions options)
+      : path_(std::move(path)), options_(std::move(options)) {
     make_folder(path_);
     if (::access(path_.c_str(), W_OK | X_OK) != 0) {
       throw OutputError(path_, "cannot write into this folder: " + errno_text(errno));
@@ -99,7 +99,7 @@ class FolderSink final : public FrameSink {
 
   std::string write(const cv::Mat& image, const Frame& source) override {
     require_writable_image(image);
-    const std::string target = (fs::path(path_) / unused_name(source)).string();
+    std::string target = (fs::path(path_) / unused_name(source)).string();
     std::error_code ignored;
     if (source.still && fs::equivalent(target, source.name, ignored)) {
       throw OutputError(target, "would replace its own source: name another folder");
@@ -186,8 +186,8 @@ int first_unused_segment(const std::string& path) {
 
 class VideoSink final : public FrameSink {
  public:
-  VideoSink(std::string path, const SinkOptions& options)
-      : path_(std::move(path)), ending_(lowercase_extension(path_)), options_(options) {
+  VideoSink(std::string path, SinkOptions options)
+      : path_(std::move(path)), ending_(lowercase_extension(path_)), options_(std::move(options)) {
     if (options_.segment_s > 0) {
       segment_ = first_unused_segment(path_);
       segment_frames_ = std::max<std::int64_t>(1, std::llround(options_.segment_s * options_.fps));

@@ -404,7 +404,7 @@ std::string masked(std::string_view url) {
   const std::size_t slashes = text.find("://");
   if (slashes == std::string::npos) return text;
   const std::size_t begin = slashes + 3;
-  std::size_t end = std::min(text.find_first_of("/?#", begin), text.size());
+  const std::size_t end = std::min(text.find_first_of("/?#", begin), text.size());
   std::size_t at = text.rfind('@', end);
   if (end < text.size() && (at == std::string::npos || at < begin)) {
     // A password with '/', '?' or '#': mask too much rather than too little.

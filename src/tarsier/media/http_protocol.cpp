@@ -58,7 +58,7 @@ HttpUrl parse_url(std::string_view text, std::string_view scheme, std::uint16_t 
       refuse("has a space or control character");
   }
   HttpUrl url;
-  std::string_view rest = text.substr(start);
+  const std::string_view rest = text.substr(start);
   const std::size_t authority_end = std::min(rest.find_first_of("/?#"), rest.size());
   std::string_view authority = rest.substr(0, authority_end);
   std::string_view target = rest.substr(authority_end);

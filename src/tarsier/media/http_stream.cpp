@@ -335,7 +335,7 @@ LiveRead HttpBackend::read(milliseconds timeout, const std::stop_token& stop) {
     if (!request_.empty() && !send_request()) {
       return end_with({.reason = "the connection broke"});
     }
-    const short events = static_cast<short>(request_.empty() ? POLLIN : POLLIN | POLLOUT);
+    const auto events = static_cast<short>(request_.empty() ? POLLIN : POLLIN | POLLOUT);
     const bool has_pending = tls_ && tls_->has_pending();
     if (!has_pending && !wait_for(socket_.get(), events, deadline, stop)) break;
 

@@ -111,7 +111,7 @@ bool encode_jpeg(const cv::Mat& image, int quality, unsigned char*& buffer, unsi
   jpeg_set_quality(&codec, quality, TRUE);
   jpeg_start_compress(&codec, TRUE);
   while (codec.next_scanline < codec.image_height) {
-    JSAMPROW row = const_cast<JSAMPROW>(image.ptr(static_cast<int>(codec.next_scanline)));
+    auto* row = const_cast<JSAMPROW>(image.ptr(static_cast<int>(codec.next_scanline)));
     jpeg_write_scanlines(&codec, &row, 1);
   }
   jpeg_finish_compress(&codec);

@@ -81,8 +81,8 @@ std::string distrust(unsigned status, const std::string& host) {
 
 }  // namespace
 
-TlsStream::TlsStream(std::shared_ptr<const TlsTrust> trust, int socket, const std::string& host)
-    : trust_(std::move(trust)), host_(host), impl_(std::make_unique<Impl>()) {
+TlsStream::TlsStream(std::shared_ptr<const TlsTrust> trust, int socket, std::string host)
+    : trust_(std::move(trust)), host_(std::move(host)), impl_(std::make_unique<Impl>()) {
   if (gnutls_init(&impl_->session, GNUTLS_CLIENT | GNUTLS_NONBLOCK | GNUTLS_NO_SIGNAL) < 0) {
     throw std::bad_alloc();
   }

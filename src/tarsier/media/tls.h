@@ -35,7 +35,7 @@ class TlsStream {
  public:
   // The caller owns the socket, which must outlive this object. The certificate must contain the
   // name `host`.
-  TlsStream(std::shared_ptr<const TlsTrust> trust, int socket, const std::string& host);
+  TlsStream(std::shared_ptr<const TlsTrust> trust, int socket, std::string host);
   ~TlsStream();
   TlsStream(const TlsStream&) = delete;
   TlsStream& operator=(const TlsStream&) = delete;

@@ -119,8 +119,10 @@ std::string pump(Link& link) {
 }  // namespace
 
 struct TlsTunnel::Impl {
-  Impl(const std::string& the_host, std::uint16_t the_port, const StreamSecurity& security)
-      : host(the_host), remote_port(the_port), trust(std::make_shared<const TlsTrust>(security)) {}
+  Impl(std::string the_host, std::uint16_t the_port, const StreamSecurity& security)
+      : host(std::move(the_host)),
+        remote_port(the_port),
+        trust(std::make_shared<const TlsTrust>(security)) {}
 
   void listen();
   void run(const std::stop_token& stop);

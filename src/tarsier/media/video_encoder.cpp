@@ -137,7 +137,7 @@ struct VideoEncoder::Impl {
   Impl& operator=(const Impl&) = delete;
 
   void open(const std::string& path, cv::Size size, const VideoEncoderOptions& options);
-  void encode(const AVFrame* image);
+  void encode(const AVFrame* image) const;
   void check(int code, std::string_view doing) const {
     if (code < 0) throw OutputError(display_path, fmt::format("{}: {}", doing, error_text(code)));
   }
@@ -222,7 +222,7 @@ void VideoEncoder::Impl::open(const std::string& path, cv::Size size,
 }
 
 // Without an image: flushes the encoder.
-void VideoEncoder::Impl::encode(const AVFrame* image) {
+void VideoEncoder::Impl::encode(const AVFrame* image) const {
   check(ffmpeg().avcodec_send_frame(codec, image), "cannot encode");
   while (true) {
     const int code = ffmpeg().avcodec_receive_packet(codec, packet);

@@ -39,7 +39,7 @@ double sane_fps(double fps) {
 
 class VideoSource final : public FrameSource {
  public:
-  explicit VideoSource(const std::string& path) : path_(path) {
+  explicit VideoSource(std::string path) : path_(std::move(path)) {
     const QuietOpenCv quiet;
     // An OpenCV built without FFmpeg still reads MJPEG in AVI.
     open(lazy_opencv::has_backend(cv::CAP_FFMPEG) ? cv::CAP_FFMPEG : cv::CAP_OPENCV_MJPEG);

@@ -32,7 +32,7 @@ std::string node_of(const std::string& topic, const std::string& parent) {
   if (!topic.starts_with(parent + '/') || !topic.ends_with(kEnd) ||
       topic.size() <= parent.size() + 1 + kEnd.size())
     return {};
-  std::string node =
+  const std::string node =
       topic.substr(parent.size() + 1, topic.size() - parent.size() - 1 - kEnd.size());
   return is_node_name(node) ? node : std::string();
 }

@@ -177,6 +177,7 @@ class Server {
 
   PgResult* result_of(const char* statement, const std::vector<std::string>& values) {
     std::vector<const char*> texts;
+    texts.reserve(values.size());
     for (const std::string& value : values) texts.push_back(value.c_str());
     PgResult* result = values.empty() ? library().run(handle_, statement)
                                       : library().run_with_values(
@@ -277,6 +278,7 @@ class PostgresHubLog final : public HubLog {
     const Rows rows = server_.run(
         "SELECT node, outbox, seq FROM hub_mark m WHERE updated = (SELECT max(updated) FROM "
         "hub_mark WHERE node = m.node) ORDER BY node COLLATE \"C\"");
+    marks.reserve(rows.count());
     for (int k = 0; k < rows.count(); ++k)
       marks.push_back({rows.text(k, 0), {rows.text(k, 1), rows.integer(k, 2)}});
     return marks;

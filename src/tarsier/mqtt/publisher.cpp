@@ -97,11 +97,11 @@ class Publisher::Sender {
   [[nodiscard]] std::string topic(const char* part) const {
     return options_.address.topic + '/' + part;
   }
-  void wake() {
+  void wake() const {
     const std::uint64_t one = 1;
     if (::write(wake_, &one, sizeof one) < 0) return;  // it is awake already
   }
-  void reset_wake() {
+  void reset_wake() const {
     std::uint64_t count = 0;
     if (::read(wake_, &count, sizeof count) < 0) return;
   }

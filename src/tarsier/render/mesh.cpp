@@ -130,7 +130,7 @@ Bounds bounds_of(const Mesh& mesh) {
 
 void add_normals(Mesh& mesh, double crease_deg) {
   TARSIER_REQUIRE(crease_deg >= 0 && crease_deg <= 180, "crease of {} degrees", crease_deg);
-  const float min_cosine = static_cast<float>(std::cos(crease_deg * CV_PI / 180) - 1e-6);
+  const auto min_cosine = static_cast<float>(std::cos(crease_deg * CV_PI / 180) - 1e-6);
   std::vector<cv::Vec3f> faces(mesh.triangles.size());
   std::vector<float> areas(mesh.triangles.size());
   for (std::size_t t = 0; t < faces.size(); ++t) {
@@ -146,19 +146,18 @@ void add_normals(Mesh& mesh, double crease_deg) {
     Triangle& triangle = mesh.triangles[t];
     if (triangle.normal[0] >= 0 || !(areas[t] > 0)) continue;
     for (std::size_t corner = 0; corner < 3; ++corner) {
-      const std::size_t p = static_cast<std::size_t>(triangle.position[corner]);
+      const auto p = static_cast<std::size_t>(triangle.position[corner]);
       const int begin = adjacency.first[p];
       const int end = adjacency.first[p + 1];
       cv::Vec3f sum = faces[t] * areas[t];
       if (end - begin <= kMaxVertexTriangles) {
         sum = {0, 0, 0};
         for (int k = begin; k < end; ++k) {
-          const std::size_t other =
-              static_cast<std::size_t>(adjacency.list[static_cast<std::size_t>(k)]);
+          const auto other = static_cast<std::size_t>(adjacency.list[static_cast<std::size_t>(k)]);
           if (faces[other].dot(faces[t]) >= min_cosine) sum += faces[other] * areas[other];
         }
       }
-      const float length = static_cast<float>(cv::norm(sum));
+      const auto length = static_cast<float>(cv::norm(sum));
       triangle.normal[corner] = static_cast<int>(mesh.normals.size());
       mesh.normals.push_back(length > 0 ? cv::Vec3f(sum / length) : faces[t]);
     }

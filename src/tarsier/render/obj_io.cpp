@@ -100,7 +100,7 @@ class Reader {
     throw InputError(file_, fmt::format("line {}: {}", lines_->number(), reason));
   }
 
-  float number(std::string_view word) const {
+  [[nodiscard]] float number(std::string_view word) const {
     double value = 0;
     if (!word.empty() && word.front() == '+') word.remove_prefix(1);
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
@@ -174,14 +174,14 @@ class Reader {
     if (error != std::errc() || end != word.data() + word.size()) {
       fail(fmt::format("'{}' is not an index", shown(word)));
     }
-    const std::int64_t size = static_cast<std::int64_t>(count);
+    const auto size = static_cast<std::int64_t>(count);
     if (value < -size || value == 0 || value > size) {
       fail(fmt::format("{} {} of {} so far", what, value, count));
     }
     return static_cast<int>(value > 0 ? value - 1 : size + value);
   }
 
-  Corner corner(std::string_view word) const {
+  [[nodiscard]] Corner corner(std::string_view word) const {
     const Mesh& mesh = result_.mesh;
     Corner result;
     const std::size_t first = word.find('/');
@@ -252,7 +252,7 @@ class Reader {
 
   // The path of a file named by the OBJ or MTL; "" if it does not exist. A link that leads out of
   // the folder counts as outside.
-  std::string companion(const std::string& name) const {
+  [[nodiscard]] std::string companion(const std::string& name) const {
     const fs::path given(name);
     if (name.empty() || name.find('\0') != std::string::npos || given.is_absolute()) {
       fail(fmt::format("'{}' is not the name of a file beside the OBJ file", shown(name)));

@@ -82,7 +82,7 @@ class Tile {
     color_.create(height_, width_, CV_8UC3);
     for (int y = 0; y < height_; ++y) {
       const cv::Vec3b* from = frame.bgr.ptr<cv::Vec3b>(box.y + y / n) + box.x;
-      cv::Vec3b* to = color_.ptr<cv::Vec3b>(y);
+      auto* to = color_.ptr<cv::Vec3b>(y);
       for (int x = 0; x < width_; ++x) to[x] = from[x / n];
     }
   }
@@ -96,9 +96,9 @@ class Tile {
 
   void darken() {
     if (shaded_.empty()) return;
-    const float brightness = static_cast<float>(1 - frame_.scene.darkness);
+    const auto brightness = static_cast<float>(1 - frame_.scene.darkness);
     for (int y = 0; y < height_; ++y) {
-      cv::Vec3b* row = color_.ptr<cv::Vec3b>(y);
+      auto* row = color_.ptr<cv::Vec3b>(y);
       for (int x = 0; x < width_; ++x) {
         if (shaded_[at(x, y)] == 0) continue;
         for (int k = 0; k < 3; ++k) row[x][k] = to_byte(static_cast<float>(row[x][k]) * brightness);
@@ -201,7 +201,7 @@ void Tile::draw_row(const ScreenTriangle& t, Role role, int y, int begin, int en
   const double y_px = px(y);
   const double row = t.inverse_depth + (y_px - t.origin_y) * t.inverse_along_y;
   double* depth = depth_.data() + at(0, y - top_);
-  cv::Vec3b* color = color_.ptr<cv::Vec3b>(y - top_);
+  auto* color = color_.ptr<cv::Vec3b>(y - top_);
   for (int x = begin; x < end; ++x) {
     const double x_px = px(x);
     const double inverse = row + (x_px - t.origin_x) * t.inverse_along_x;
@@ -217,8 +217,8 @@ void Tile::draw_row(const ScreenTriangle& t, Role role, int y, int begin, int en
 }
 
 cv::Vec3b Tile::shade(const ScreenTriangle& t, double x, double y, float z) const {
-  const float dx = static_cast<float>(x - t.origin_x);
-  const float dy = static_cast<float>(y - t.origin_y);
+  const auto dx = static_cast<float>(x - t.origin_x);
+  const auto dy = static_cast<float>(y - t.origin_y);
   const auto attribute = [&](std::size_t k) {
     const Plane& plane = t.attributes[k];
     return (plane.value + plane.along_x * dx + plane.along_y * dy) * z;
@@ -368,14 +368,14 @@ Mesh planar_shadow(const Mesh& mesh, const geometry::Rigid3& plane_from_mesh, do
     std::vector<Eigen::Vector3d> above;
     for (std::size_t k = 0; k < 3; ++k) {
       const auto in_plane = [&](std::size_t corner) {
-        const std::size_t p = static_cast<std::size_t>(triangle.position[corner % 3]);
+        const auto p = static_cast<std::size_t>(triangle.position[corner % 3]);
         return plane_from_mesh * (geometry::to_eigen(mesh.positions[p]) * scale);
       };
       const Eigen::Vector3d from = in_plane(k);
       const Eigen::Vector3d to = in_plane(k + 1);
       if (from[2] >= 0) above.push_back(from);
       if ((from[2] >= 0) != (to[2] >= 0)) {
-        above.push_back(from + (to - from) * (from[2] / (from[2] - to[2])));
+        above.emplace_back(from + (to - from) * (from[2] / (from[2] - to[2])));
       }
     }
     const int first = static_cast<int>(shadow.positions.size());

@@ -39,7 +39,7 @@ struct Sheet {
     }
   }
   // Light from above: brightens the upper parts and darkens the lower ones between two rows.
-  void shade(double from, double to, double top, double bottom) {
+  void shade(double from, double to, double top, double bottom) const {
     for (int y = cvRound(from * 2); y < cvRound(to * 2) && y < color.rows; ++y) {
       const double t = (y - from * 2) / ((to - from) * 2);
       color.row(y) *= top + (bottom - top) * t;

@@ -56,7 +56,7 @@ void add_noise(cv::Mat& image, double sigma, std::uint64_t seed) {
   cv::parallel_for_(cv::Range(0, image.rows), [&](const cv::Range& rows) {
     for (int y = rows.start; y < rows.end; ++y) {
       Rng rng = base.fork(static_cast<std::uint64_t>(y));
-      std::uint8_t* row = image.ptr<std::uint8_t>(y);
+      auto* row = image.ptr<std::uint8_t>(y);
       std::uint64_t bits = 0;
       int left = 0;
       for (int x = 0; x < width; ++x) {

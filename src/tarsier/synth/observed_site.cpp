@@ -183,12 +183,12 @@ class Site {
     const int segments = std::max(3, static_cast<int>(options_.images * kStep / kSegment));
     for (int k = 0; k < segments; ++k) {
       const double heading = 0.9 * std::sin(k / 9.0);
-      line.push_back(line.back() + kSegment * Vector2d(std::cos(heading), std::sin(heading)));
+      line.emplace_back(line.back() + kSegment * Vector2d(std::cos(heading), std::sin(heading)));
     }
     // The last cameras look ahead, so the facades continue beyond the end of the walk.
     std::vector<Vector2d> street = line;
     const Vector2d ahead = line.back() - line[line.size() - 2];
-    for (int k = 0; k < kSegmentsAhead; ++k) street.push_back(street.back() + ahead);
+    for (int k = 0; k < kSegmentsAhead; ++k) street.emplace_back(street.back() + ahead);
     facades(street, 1);
     const Route route(line, 5, kCorner);
     for (int i = 0; i < options_.images; ++i) {

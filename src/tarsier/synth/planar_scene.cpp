@@ -195,6 +195,7 @@ std::vector<std::optional<cv::Vec2f>> sample_positions(int count) {
   if (count <= 2) return positions;
   const auto ranks = [&](double step) {
     std::vector<std::pair<double, int>> order;
+    order.reserve(count);
     for (int k = 0; k < count; ++k) order.emplace_back(std::fmod(step * (k + 1), 1.0), k);
     std::sort(order.begin(), order.end());
     std::vector<float> rank(order.size());

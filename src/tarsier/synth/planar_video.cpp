@@ -160,6 +160,7 @@ cv::Mat PlanarVideo::image_at(double time_s) const {
   const double smear = motion_px(shot_at(time_s - 0.5 * open_s), shot_at(time_s + 0.5 * open_s));
   const int count = smear < 0.8 ? 1 : std::clamp(cvCeil(smear / 1.5) + 1, 4, 8);
   std::vector<PlanarShot> shots;
+  shots.reserve(count);
   for (int k = 0; k < count; ++k)
     shots.push_back(shot_at(time_s + open_s * ((k + 0.5) / count - 0.5)));
   return scene_.render(shots, imaging);

@@ -121,8 +121,8 @@ class PrintPlacer {
   }
 
  private:
-  bool is_fully_visible(const PlanarPrint& print, const cv::Rect2d& part,
-                        const geometry::Rigid3& pose, cv::Size size) const {
+  [[nodiscard]] bool is_fully_visible(const PlanarPrint& print, const cv::Rect2d& part,
+                                      const geometry::Rigid3& pose, cv::Size size) const {
     const double x = 0.5 * print.width;
     const double y = x * part.height / part.width;
     for (int k = 0; k < 4; ++k) {
@@ -158,7 +158,7 @@ std::pair<PlanarPrint, geometry::Rigid3> occluder_over(const PlanarPrint& print,
   return {std::move(occluder), camera_from_print * above};
 }
 
-PlanarStill still_of(std::vector<PlanarPrint> prints, std::vector<geometry::Rigid3> poses,
+PlanarStill still_of(std::vector<PlanarPrint> prints, const std::vector<geometry::Rigid3>& poses,
                      const geometry::Camera& camera, PlanarLevel level, Rng& rng) {
   PlanarStill still;
   still.camera = camera;

@@ -269,7 +269,7 @@ PlateFace render_plate_face(const GlyphSet& glyphs, const PlateFaceOptions& opti
   const bool lined = options.kind == PlateKind::kUs || options.kind == PlateKind::kBrazil;
   if (wild) make_wild(style, rows.size() == 1 && !lined, rng);
   if (options.infrared) in_infrared(style, rng);
-  const double s = static_cast<double>(options.px_per_mm);
+  const auto s = static_cast<double>(options.px_per_mm);
   PlateFace face;
   face.rows = static_cast<int>(rows.size());
   face.image.create(cvRound(style.height * s), cvRound(style.width * s), CV_8UC3);

@@ -471,7 +471,7 @@ PointProblem make_point_problem(std::uint64_t seed, int images, int points, doub
   for (int i = 0; i < points; ++i) {
     const double x = positions.uniform(-3, 3);
     const double y = positions.uniform(-2, 2);
-    problem.points.push_back(kSceneCenter + Eigen::Vector3d(x, y, positions.uniform(-1.5, 1.5)));
+    problem.points.emplace_back(kSceneCenter + Eigen::Vector3d(x, y, positions.uniform(-1.5, 1.5)));
   }
   const cv::Rect2d image(-0.5, -0.5, size.width, size.height);
   for (int i = 0; i < images; ++i) {

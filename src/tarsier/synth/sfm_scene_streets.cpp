@@ -116,7 +116,7 @@ Streets make_walk(int images, double repeats, Rng rng) {
   const int lots = std::max(2, static_cast<int>(std::ceil(images * kStep / kLot)));
   for (int k = 0; k < lots + kLotsAhead; ++k) {
     const double heading = 0.9 * std::sin(k / 9.0);
-    path.push_back(path.back() + kLot * Vector2d(std::cos(heading), std::sin(heading)));
+    path.emplace_back(path.back() + kLot * Vector2d(std::cos(heading), std::sin(heading)));
   }
   Builder builder(repeats, rng);
   for (std::size_t k = 0; k + 1 < path.size(); ++k) {

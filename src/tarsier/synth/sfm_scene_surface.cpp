@@ -138,7 +138,7 @@ class Triangulation {
       const auto at = static_cast<std::size_t>(k);
       if (number[at] < 0) {
         number[at] = static_cast<int>(surface_.vertices.size());
-        surface_.vertices.push_back(points[at].cast<float>());
+        surface_.vertices.emplace_back(points[at].cast<float>());
       }
       return number[at];
     };

@@ -105,6 +105,7 @@ FitResult Fitter::fit_best(const cv::Mat& image, const std::vector<Matrix2Xd>& s
   if (starts.size() == 1) return run(image, starts[0], coarsest, finest, false, workspace);
   std::vector<FitResult> results;
   const bool has_two_stages = coarsest > finest;
+  results.reserve(starts.size());
   for (const Matrix2Xd& start : starts)
     results.push_back(
         run(image, start, coarsest, has_two_stages ? finest + 1 : finest, false, workspace));

@@ -101,7 +101,7 @@ TextureFit fit_texture(const AppearanceModel& model, const Texture& texture, con
   const VectorXf g = result.sampled.array() - static_cast<float>(result.offset);
   result.gain = static_cast<double>(g.dot(texture.mean)) / n;
   const VectorXf c = modes.transpose() * g;
-  const double square = static_cast<double>(g.squaredNorm());
+  const auto square = static_cast<double>(g.squaredNorm());
   const double left = square - n * result.gain * result.gain - static_cast<double>(c.squaredNorm());
   result.error = square > 0 ? std::sqrt(std::max(0.0, left) / square) : 1;
   result.c = c.cast<double>() / (result.gain != 0 ? result.gain : 1);

@@ -166,7 +166,7 @@ void train_texture(Texture& texture, NormalisedTextures sampled, double variance
   const double total = values.sum();
   Index modes = 0;
   double kept = 0;
-  const Index max_count = std::min<Index>({Index{max_modes}, count - 1, n - 2});
+  const auto max_count = std::min<Index>({Index{max_modes}, count - 1, n - 2});
   while (modes < max_count && kept < variance * total && values[modes] > 1e-6 * values[0]) {
     kept += values[modes++];
   }

@@ -64,7 +64,7 @@ cv::Mat channel_norms(const Texture& texture, const VectorXf& values, double fac
 
 }  // namespace
 
-Synthesis::Synthesis(const AppearanceModel& model) : model_(&model), texture_(nullptr) {
+Synthesis::Synthesis(const AppearanceModel& model) : model_(&model) {
   if (model.colour)
     texture_ = &*model.colour;
   else if (!model.levels.empty() && has_offset(model.levels.front().channels))

@@ -42,7 +42,7 @@ class Synthesis {
 
  private:
   const AppearanceModel* model_;
-  const Texture* texture_;
+  const Texture* texture_ = nullptr;
   Eigen::MatrixXf modes_;
 };
 

@@ -34,7 +34,7 @@ FitResult fit_next(const Fitter& fitter, const TrackOptions& options, Track::Obj
   const FitResult& last = object.tracked.fit;
   FitResult fit = fitter.follow(image, last.points, object.workspace);
   if (fit.error <= options.worse * last.error && is_still_tracked(fitter, options, fit)) return fit;
-  FitResult refit = fitter.fit(image, last.points, object.workspace);
+  const FitResult refit = fitter.fit(image, last.points, object.workspace);
   return refit.error < fit.error ? refit : fit;
 }
 

@@ -180,7 +180,7 @@ std::vector<ScoredFace> search_anchors(const cv::Mat& gray, const AnchorDetector
   std::vector<ScoredFace> found;
   for (int y = 0; y < cells.height; ++y) {
     for (int x = 0; x < cells.width; ++x) {
-      const float* at = map.data() + static_cast<std::size_t>(y) * cells.width + x;
+      const float* at = map.data() + static_cast<std::ptrdiff_t>(y) * cells.width + x;
       for (std::size_t a = 0; a < kAnchors.size(); ++a) {
         const auto number = [&](std::size_t k) {
           return static_cast<double>(at[(a * kValuesPerBox + k) * plane]);

@@ -105,7 +105,7 @@ struct FaceFollower::Impl {
   int next_id = 1;
 };
 
-FaceFollower::FaceFollower(FaceDetectorOptions detector, FaceFollowerOptions options) {
+FaceFollower::FaceFollower(const FaceDetectorOptions& detector, FaceFollowerOptions options) {
   options.check();
   FaceDetectorOptions close = detector;
   // The face is about half as wide as the part.

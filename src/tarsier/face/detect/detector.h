@@ -74,7 +74,7 @@ struct FaceFollowerOptions {
 class FaceFollower {
  public:
   // The whole image is searched at 320 px: for faces of at least 7.5 % of its width.
-  explicit FaceFollower(FaceDetectorOptions detector = {.max_width = 320},
+  explicit FaceFollower(const FaceDetectorOptions& detector = {.max_width = 320},
                         FaceFollowerOptions options = {});
   ~FaceFollower();
   FaceFollower(FaceFollower&&) noexcept;

@@ -49,6 +49,7 @@ cv::Point fixed(const cv::Point2d& p) {
 
 void fill(cv::Mat& mask, const std::vector<cv::Point2d>& outline, double value = 255) {
   std::vector<cv::Point> corners;
+  corners.reserve(outline.size());
   for (const cv::Point2d& p : outline) corners.push_back(fixed(p));
   cv::fillPoly(mask, std::vector<std::vector<cv::Point>>{corners}, cv::Scalar(value), cv::LINE_AA,
                kShift);
@@ -69,7 +70,7 @@ void blend(cv::Mat& view, const cv::Mat& mask, const cv::Mat& paint, double gain
   for (int y = 0; y < view.rows; ++y) {
     std::uint8_t* row = view.ptr(y);
     const std::uint8_t* cover = mask.ptr(y);
-    const float* tone = paint.ptr<float>(y);
+    const auto* tone = paint.ptr<float>(y);
     for (int x = 0; x < view.cols; ++x) {
       const double m = opacity * cover[x] / 255;
       row[x] = cv::saturate_cast<std::uint8_t>((1 - m) * row[x] + m * (gain * row[x] + tone[x]));

@@ -14,6 +14,7 @@ std::vector<int> tile_starts(int length, int part, int shared) {
   if (length <= part) return {0};
   const int steps = (length - shared + part - shared - 1) / (part - shared);
   std::vector<int> starts;
+  starts.reserve(steps);
   for (int i = 0; i < steps; ++i) {
     starts.push_back(static_cast<int>(static_cast<long>(length - part) * i / (steps - 1)));
   }

@@ -144,7 +144,7 @@ AffineMap Liveness::measure(const LivenessFrame& frame) {
 }
 
 void Liveness::check_task(const LivenessFrame& frame) {
-  const AffineMap map = measure(frame);
+  AffineMap map = measure(frame);
   const double turned = frame.yaw_deg ? *frame.yaw_deg - yaw_ : 0;
   bool done = false;
   if (*status_.task == LivenessTask::kBlink) {

@@ -45,7 +45,8 @@ Scene random_scene(const Eigen::Matrix3Xd& points, double noise_px, Rng rng) {
 }  // namespace
 
 std::vector<PositStudyRow> run_posit_study(const Eigen::Matrix3Xd& points,
-                                           const PositStudyOptions& options, std::stop_token stop) {
+                                           const PositStudyOptions& options,
+                                           const std::stop_token& stop) {
   options.check();
   const Eigen::Vector3d middle = points.rowwise().mean();
   const Eigen::Matrix3Xd centred = points.colwise() - middle;

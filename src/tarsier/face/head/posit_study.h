@@ -40,6 +40,6 @@ struct PositStudyRow {
 // images. Throws std::invalid_argument; Interrupted.
 [[nodiscard]] std::vector<PositStudyRow> run_posit_study(const Eigen::Matrix3Xd& points,
                                                          const PositStudyOptions& options = {},
-                                                         std::stop_token stop = {});
+                                                         const std::stop_token& stop = {});
 
 }  // namespace tarsier::face::head

@@ -49,7 +49,7 @@ geometry::Rigid3 MeanFilter::operator()(const geometry::Rigid3& pose,
                                         Eigen::Matrix3d* rotation_covariance) {
   last_.push_back(pose);
   if (last_.size() > length_) last_.pop_front();
-  const geometry::Rigid3 mean = mean_pose({last_.begin(), last_.end()});
+  geometry::Rigid3 mean = mean_pose({last_.begin(), last_.end()});
   if (rotation_covariance != nullptr) {
     covariances_.push_back(*rotation_covariance);
     if (covariances_.size() > length_) covariances_.pop_front();

@@ -55,6 +55,7 @@ HeadModel model_of(const HeadTrainer& trainer) {
 // Rotates the head about x so that the median face has pitch 0.
 void set_median_pitch_to_zero(HeadTrainer& trainer) {
   std::vector<double> pitches;
+  pitches.reserve(trainer.views.size());
   for (const TrainingView& view : trainer.views)
     pitches.push_back(angles_of_rotation(view.camera.rotation).pitch_deg);
   const auto median = pitches.begin() + static_cast<std::ptrdiff_t>(pitches.size() / 2);
@@ -70,7 +71,8 @@ void set_median_pitch_to_zero(HeadTrainer& trainer) {
 }  // namespace
 
 TrainedHead train_head(const std::vector<Matrix2Xd>& faces, const shape::Markup& markup,
-                       const TrainHeadOptions& options, Progress* progress, std::stop_token stop) {
+                       const TrainHeadOptions& options, Progress* progress,
+                       const std::stop_token& stop) {
   options.check();
   HeadTrainer trainer{options, markup, {}, {}, {}, {}, {}};
   trainer.n = static_cast<Index>(markup.mirror.size());

@@ -69,7 +69,8 @@ struct TrainedHead {
 [[nodiscard]] TrainedHead train_head(const std::vector<Eigen::Matrix2Xd>& faces,
                                      const shape::Markup& markup,
                                      const TrainHeadOptions& options = {},
-                                     Progress* progress = nullptr, std::stop_token stop = {});
+                                     Progress* progress = nullptr,
+                                     const std::stop_token& stop = {});
 
 // Mean distance between the given points of two shapes (3 x n) after the least-squares similarity
 // from the first to the second (Umeyama 1991), in units of the second. The alignment uses all

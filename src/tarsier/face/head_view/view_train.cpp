@@ -31,7 +31,7 @@ std::vector<ViewSample> with_mirrored(const std::vector<ViewSample>& samples) {
   return all;
 }
 
-Eigen::MatrixXf rounded(Eigen::MatrixXf matrix) {
+Eigen::MatrixXf rounded(const Eigen::MatrixXf& matrix) {
   return matrix.unaryExpr([](float value) { return rounded_to_half(value); });
 }
 

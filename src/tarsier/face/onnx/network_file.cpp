@@ -310,7 +310,7 @@ class Reader {
     return name;
   }
 
-  TensorInfo tensor_info(std::string_view bytes) const {
+  [[nodiscard]] TensorInfo tensor_info(std::string_view bytes) const {
     TensorInfo out;
     Field field;
     for (Fields fields(bytes, out_.path); fields.next(field);) {
@@ -331,7 +331,7 @@ class Reader {
     return out;
   }
 
-  std::vector<std::int64_t> sides(std::string_view bytes) const {
+  [[nodiscard]] std::vector<std::int64_t> sides(std::string_view bytes) const {
     std::vector<std::int64_t> out;
     Field field;
     for (Fields fields(bytes, out_.path); fields.next(field);) {

@@ -145,7 +145,7 @@ bool Pieces::each_piece(std::span<const std::uint8_t> bytes, const Visit& visit)
 }
 
 std::size_t Pieces::exclude(std::span<const std::uint8_t> bytes) {
-  std::size_t before = count_;
+  const std::size_t before = count_;
   each_piece(bytes, [&](std::size_t piece) {
     active_[piece] = false;
     --count_;

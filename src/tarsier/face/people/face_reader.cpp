@@ -77,11 +77,11 @@ struct FaceReader::Impl {
   landmarks::TrackerState state;
 };
 
-FaceReader::FaceReader(const FaceReaderOptions& options,
+FaceReader::FaceReader(FaceReaderOptions options,
                        std::shared_ptr<const landmarks::LandmarkModel> model,
                        std::shared_ptr<const FaceNetworks> networks,
                        std::shared_ptr<const AnchorDetector> anchors)
-    : options_(options) {
+    : options_(std::move(options)) {
   options_.check();
   if (options_.eyes == EyeMethod::kLandmarks) {
     TARSIER_REQUIRE(model != nullptr && model->points() == 68,

@@ -72,8 +72,7 @@ class FaceReader {
   // `model` (68 points) is needed only for EyeMethod::kLandmarks. `networks` detect the faces; if
   // it is null, the cascades do. `anchors`: see landmarks::FaceFinder. Throws ModelError if
   // cascades are missing, std::invalid_argument if the model has another number of points.
-  FaceReader(const FaceReaderOptions& options,
-             std::shared_ptr<const landmarks::LandmarkModel> model,
+  FaceReader(FaceReaderOptions options, std::shared_ptr<const landmarks::LandmarkModel> model,
              std::shared_ptr<const FaceNetworks> networks = nullptr,
              std::shared_ptr<const AnchorDetector> anchors = nullptr);
   ~FaceReader();

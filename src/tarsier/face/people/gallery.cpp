@@ -277,7 +277,7 @@ std::string face_query(bool crops, const char* which) {
 
 }  // namespace
 
-StoredFace Gallery::face_at(const Statement& row, bool crops) {
+StoredFace Gallery::face_at(const Statement& row, bool crops) const {
   StoredFace face;
   face.id = row.integer(0);
   face.person = row.integer(1);

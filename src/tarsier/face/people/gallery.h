@@ -362,7 +362,7 @@ class Gallery {
   void increment_removals();
   void increment_generation();
   void drop_model();
-  [[nodiscard]] StoredFace face_at(const Statement& row, bool crops);
+  [[nodiscard]] StoredFace face_at(const Statement& row, bool crops) const;
   enum class ForgetScope { kPerson, kGroup, kAll };
   std::optional<ForgetReport> forget_matching(ForgetScope what, std::int64_t id,
                                               const std::stop_token& stop,

@@ -135,7 +135,7 @@ std::int64_t Gallery::name_group(std::int64_t group, std::string_view name, std:
   check_name(name);
   check_note(note);
   Transaction transaction(database_);
-  std::vector<Sighting> members = group_sightings(group);
+  const std::vector<Sighting> members = group_sightings(group);
   if (members.empty()) throw_no_group(path(), group);
   const auto before = find(name);
   const Person person = add_person(name, note, stamp.time);

@@ -276,6 +276,7 @@ Recognition GalleryIndex::recognize(std::span<const float> features, double fals
     }
   }
   std::vector<std::int64_t> ids;
+  ids.reserve(candidates.size());
   for (const recognition::Candidate& one : candidates) ids.push_back(one.id);
   std::vector<PersonTemplate> all = gallery_.templates_of_same_people(ids, cells_.metadata().space);
   std::erase_if(all, [&](const PersonTemplate& one) {

@@ -214,6 +214,7 @@ void GalleryTraining::Impl::compute_missing_templates(Progress& progress, std::i
 void GalleryTraining::Impl::choose_training_faces() {
   std::unordered_map<std::int64_t, int> index;
   std::vector<int> people;
+  people.reserve(refs.size());
   for (const FaceRef& ref : refs)
     people.push_back(index.try_emplace(ref.person, static_cast<int>(index.size())).first->second);
   training_faces.clear();

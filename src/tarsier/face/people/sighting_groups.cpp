@@ -26,7 +26,6 @@ double dot(const std::vector<double>& a, const std::vector<double>& b) {
 
 SightingGroups::SightingGroups(const recognition::PairScores& pairs, const GroupingOptions& options)
     : template_length_(static_cast<std::size_t>(pairs.model.template_length())),
-      threshold_(0),
       same_camera_(pairs.same_camera),
       background_weight_(pairs.background_weight) {
   options.check();

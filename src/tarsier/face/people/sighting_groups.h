@@ -101,7 +101,7 @@ class SightingGroups {
   void merge(std::int64_t from, std::int64_t into);
 
   std::size_t template_length_;
-  double threshold_;  // for pairs
+  double threshold_ = 0;  // for pairs
   double same_camera_;
   double background_weight_;
   std::map<std::int64_t, Group> groups_;

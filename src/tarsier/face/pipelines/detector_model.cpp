@@ -5,6 +5,8 @@
 #include "tarsier/face/landmarks/hog_detector.h"
 #include "tarsier/media/archive.h"
 
+#include <utility>
+
 namespace tarsier::face {
 namespace {
 
@@ -15,7 +17,7 @@ constexpr const char* kOwn = "own";
 
 bool has_anchor_detector(const ModelStore& models) { return models.has(kAnchorDetectorFile); }
 
-DetectorModel::DetectorModel(const landmarks::FaceFinderOptions& options) : options_(options) {
+DetectorModel::DetectorModel(landmarks::FaceFinderOptions options) : options_(std::move(options)) {
   options_.detector.check();
 }
 

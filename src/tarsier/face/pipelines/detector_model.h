@@ -33,7 +33,7 @@ class DetectorModel {
   [[nodiscard]] static DetectorModel load(const ModelStore& models, const std::string& which = {},
                                           const landmarks::FaceFinderOptions& options = {});
   // Uses the cascades of OpenCV.
-  explicit DetectorModel(const landmarks::FaceFinderOptions& options = {});
+  explicit DetectorModel(landmarks::FaceFinderOptions options = {});
 
   // Throws ModelError if the cascades are missing (Debian: opencv-data).
   [[nodiscard]] landmarks::FaceFinder make_finder() const;

@@ -182,6 +182,7 @@ ViewTraining::Scores ViewTraining::score(const std::vector<head::HeadPose>& pose
 
 ViewTraining::Scores ViewTraining::score_landmarks() const {
   std::vector<head::HeadPose> poses;
+  poses.reserve(seen_.size());
   for (const Seen& seen : seen_) poses.push_back(seen.pose);
   return score(poses);
 }
@@ -195,7 +196,7 @@ ViewTraining::Scores ViewTraining::score_held_out(
     const Seen& seen = seen_[i];
     auto pose = head_view::refined_pose(found[i], *seen.view, estimator(), seen.points, seen.camera,
                                         seen.raw, nullptr);
-    poses.push_back(pose ? std::move(*pose) : seen.pose);
+    poses.push_back(pose ? *pose : seen.pose);
   }
   return score(poses);
 }

@@ -367,7 +367,7 @@ CellIndexReport write_cell_index(const std::string& path, int dimension, std::in
   return report;
 }
 
-CellIndex::CellIndex(const std::string& path) : path_(path) {
+CellIndex::CellIndex(std::string path) : path_(std::move(path)) {
   fd_ = ::open(path_.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
   if (fd_ < 0) throw InputError(path_, "cannot be read: " + errno_text(errno));
   try {

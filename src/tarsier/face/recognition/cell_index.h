@@ -89,7 +89,7 @@ class CellIndex {
  public:
   // Checks the head against its SHA-256, and each number in it against the file's size, before
   // using it. Throws InputError(path).
-  explicit CellIndex(const std::string& path);
+  explicit CellIndex(std::string path);
   ~CellIndex();
   CellIndex(CellIndex&& other) noexcept;
   CellIndex& operator=(CellIndex&&) = delete;

@@ -38,7 +38,7 @@ std::vector<float> features_of(const cv::Mat& face, const RecognizerOptions& opt
 std::vector<float> project(const Recognizer& model, const std::vector<float>& input) {
   TARSIER_REQUIRE(static_cast<Eigen::Index>(input.size()) == model.mean.size(),
                   "{} inputs, the model has {}", input.size(), model.mean.size());
-  Rows x =
+  const Rows x =
       Eigen::Map<const Rows>(input.data(), 1, static_cast<Eigen::Index>(input.size())) - model.mean;
   Rows out = products(x, model.components);
   if (is_whitened(model.options.algorithm))

@@ -45,7 +45,7 @@ CalibrationPrior impostor_prior(const Recognizer& model, const Background& backg
   Rng rng(20);
   const Eigen::VectorXf deviation = background.variance.cwiseMax(0).cwiseSqrt().cast<float>();
   const Eigen::RowVectorXf shift = background.mean - model.mean;
-  Rows in_template = products(background.basis, model.components);  // m x c
+  const Rows in_template = products(background.basis, model.components);  // m x c
   const Rows shift_in_template = products(Rows(shift), model.components);
   const Rows shift_in_basis = products(Rows(shift), background.basis);
   for (int i = 0; i < kImpostors; ++i) {

@@ -29,7 +29,7 @@ constexpr NameTable<Light, 5> kLights{"light normalisation",
 double generalised_mean(const cv::Mat& image, double alpha, double limit) {
   double sum = 0;
   for (int y = 0; y < image.rows; ++y) {
-    const float* row = image.ptr<float>(y);
+    const auto* row = image.ptr<float>(y);
     for (int x = 0; x < image.cols; ++x)
       sum += std::pow(std::min<double>(std::abs(row[x]), limit), alpha);
   }

@@ -187,7 +187,7 @@ void Recognizer::check() const {
 }
 
 std::vector<float> template_of(const Recognizer& model, const cv::Mat& face) {
-  const auto input = features_of(face, model.options, model.network.get());
+  auto input = features_of(face, model.options, model.network.get());
   if (model.options.algorithm == Algorithm::kLbph) return input;
   return project(model, input);
 }

@@ -416,7 +416,7 @@ void Training::Impl::finish() {
   next(Stage::kDone);
 }
 
-Training::Training(std::vector<cv::Mat> faces, std::vector<std::string> labels,
+Training::Training(std::vector<cv::Mat> faces, const std::vector<std::string>& labels,
                    const RecognizerOptions& options, const Background* background,
                    int max_training_faces)
     : impl_(std::make_unique<Impl>()) {
@@ -455,7 +455,7 @@ Training::Training(std::vector<cv::Mat> faces, std::vector<std::string> labels,
       options.algorithm == Algorithm::kDefault && options.variants > 0 ? kPerturbations.size() : 1;
 }
 
-Training::Training(const Rows& coordinates, std::vector<std::string> labels,
+Training::Training(const Rows& coordinates, const std::vector<std::string>& labels,
                    const RecognizerOptions& options, const Background& background)
     : impl_(std::make_unique<Impl>()) {
   options.check();

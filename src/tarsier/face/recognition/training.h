@@ -31,11 +31,11 @@ inline constexpr int kMaxTrainingFaces = 2000;
 class Training {
  public:
   // As train(). `background` (may be null) must outlive it. Throws std::invalid_argument.
-  Training(std::vector<cv::Mat> faces, std::vector<std::string> labels,
+  Training(std::vector<cv::Mat> faces, const std::vector<std::string>& labels,
            const RecognizerOptions& options, const Background* background,
            int max_training_faces = kMaxTrainingFaces);
   // As train_coordinates() of background_space.h.
-  Training(const Rows& coordinates, std::vector<std::string> labels,
+  Training(const Rows& coordinates, const std::vector<std::string>& labels,
            const RecognizerOptions& options, const Background& background);
   ~Training();
   Training(Training&&) noexcept;

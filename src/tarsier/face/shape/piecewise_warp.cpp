@@ -102,10 +102,10 @@ inline void interpolate(const T* top, const T* bottom, std::ptrdiff_t right, flo
                         int channels, float* out, std::size_t stride) {
   const int count = kChannels > 0 ? kChannels : channels;
   for (int c = 0; c < count; ++c) {
-    const float t0 = static_cast<float>(top[c]);
-    const float t1 = static_cast<float>(top[c + right]);
-    const float b0 = static_cast<float>(bottom[c]);
-    const float b1 = static_cast<float>(bottom[c + right]);
+    const auto t0 = static_cast<float>(top[c]);
+    const auto t1 = static_cast<float>(top[c + right]);
+    const auto b0 = static_cast<float>(bottom[c]);
+    const auto b1 = static_cast<float>(bottom[c + right]);
     const float t = t0 + fx * (t1 - t0);
     const float b = b0 + fx * (b1 - b0);
     out[static_cast<std::size_t>(c) * stride] = t + fy * (b - t);
@@ -117,8 +117,8 @@ template <typename T, int kChannels>
 int sample_run(const cv::Mat& image, double x0, double y0, double dx, double dy, int count,
                float* out, std::size_t stride) {
   const int channels = image.channels();
-  const float max_x = static_cast<float>(image.cols - 1);
-  const float max_y = static_cast<float>(image.rows - 1);
+  const auto max_x = static_cast<float>(image.cols - 1);
+  const auto max_y = static_cast<float>(image.rows - 1);
   const auto step = static_cast<std::ptrdiff_t>(image.step[0] / sizeof(T));
   const T* data = image.ptr<T>();
   const auto start_x = static_cast<float>(x0);
@@ -171,10 +171,10 @@ bool sample_masked(const cv::Mat& texture, const cv::Mat& mask, double x, double
   const int jy = std::min(iy + 1, texture.rows - 1);
   const auto fx = static_cast<float>(std::clamp(x - ix, 0.0, 1.0));
   const auto fy = static_cast<float>(std::clamp(y - iy, 0.0, 1.0));
-  const std::uint8_t* top = texture.ptr<std::uint8_t>(iy);
-  const std::uint8_t* bottom = texture.ptr<std::uint8_t>(jy);
-  const std::uint8_t* mask_top = mask.ptr<std::uint8_t>(iy);
-  const std::uint8_t* mask_bottom = mask.ptr<std::uint8_t>(jy);
+  const auto* top = texture.ptr<std::uint8_t>(iy);
+  const auto* bottom = texture.ptr<std::uint8_t>(jy);
+  const auto* mask_top = mask.ptr<std::uint8_t>(iy);
+  const auto* mask_bottom = mask.ptr<std::uint8_t>(jy);
   if ((mask_top[ix] & mask_top[jx] & mask_bottom[ix] & mask_bottom[jx]) != 0) {
     for (int c = 0; c < channels; ++c) {
       const auto t0 = static_cast<float>(top[ix * channels + c]);
@@ -213,9 +213,9 @@ void require_points(const Eigen::Matrix2Xd& points, Eigen::Index count) {
 
 }  // namespace
 
-PiecewiseWarp::PiecewiseWarp(const Eigen::Matrix2Xd& frame_points, std::vector<Triangle> mesh,
+PiecewiseWarp::PiecewiseWarp(Eigen::Matrix2Xd frame_points, std::vector<Triangle> mesh,
                              cv::Size size)
-    : frame_points_(frame_points), mesh_(std::move(mesh)), size_(size) {
+    : frame_points_(std::move(frame_points)), mesh_(std::move(mesh)), size_(size) {
   TARSIER_REQUIRE(size.width >= 1 && size.height >= 1 && size.width <= 20000 &&
                       size.height <= 20000 && static_cast<double>(size.width) * size.height <= 1e8,
                   "a frame of {} x {}", size.width, size.height);
@@ -333,7 +333,7 @@ void PiecewiseWarp::from_frame(const cv::Mat& texture, const Eigen::Matrix2Xd& p
     if (!inside) continue;
     const Affine map = Affine::to(*inside, frame_points_, triangle);
     for_rows(*inside, bounds_of(points, triangle, image.size()), [&](int y, int begin, int end) {
-      std::uint8_t* row = image.ptr<std::uint8_t>(y);
+      auto* row = image.ptr<std::uint8_t>(y);
       for (int x = begin; x < end; ++x) {
         (void)sample_masked(texture, mask_, map.xx * x + map.xy * y + map.x0,
                             map.yx * x + map.yy * y + map.y0,

@@ -19,7 +19,7 @@ class PiecewiseWarp {
   // `frame_points`: 2 x n, px of the frame, pixel centres at integers. The warp covers the pixels
   // of the frame of `size` whose centre is in a triangle (edges included). Throws
   // std::invalid_argument.
-  PiecewiseWarp(const Eigen::Matrix2Xd& frame_points, std::vector<Triangle> mesh, cv::Size size);
+  PiecewiseWarp(Eigen::Matrix2Xd frame_points, std::vector<Triangle> mesh, cv::Size size);
 
   struct Pixel {
     int x = 0;  // in the frame

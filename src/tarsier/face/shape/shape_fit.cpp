@@ -71,7 +71,7 @@ class UnweightedFit {
   }
 
  private:
-  ShapeFit fit_similarity_to_b() const {
+  [[nodiscard]] ShapeFit fit_similarity_to_b() const {
     const double square = square_ + b_.squaredNorm();
     return {{(uv_[0] + b_.dot(pr_.col(0))) / square, (uv_[1] + b_.dot(pr_.col(1))) / square,
              centre_.x(), centre_.y()},

@@ -121,7 +121,7 @@ void set_modes(ShapeModel& model, const Spectrum& spectrum, const MatrixXd& dire
   // For equal shapes, only rounding errors remain.
   const double min_variance =
       std::max(1e-20 * static_cast<double>(model.mean.size()), 1e-13 * spectrum.total);
-  const Index max_count = std::min<Index>(
+  const auto max_count = std::min<Index>(
       {options.max_modes, spectrum.variances.size(), std::max<Index>(0, model.mean.size() - 4)});
   Index count = 0;
   double kept = 0;

@@ -43,7 +43,7 @@ class NumberLines {
   }
 
  private:
-  std::vector<double> parse(std::string_view line) const {
+  [[nodiscard]] std::vector<double> parse(std::string_view line) const {
     constexpr std::string_view kSpace = " \t\r,;";
     std::vector<double> numbers;
     for (;;) {

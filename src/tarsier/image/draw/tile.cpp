@@ -34,7 +34,7 @@ cv::Mat contrast_stretched(const cv::Mat& image) {
   cv::Mat bytes(image.size(), CV_8UC(image.channels()));
   for (int y = 0; y < image.rows; ++y) {
     const T* from = image.ptr<T>(y);
-    std::uint8_t* to = bytes.ptr<std::uint8_t>(y);
+    auto* to = bytes.ptr<std::uint8_t>(y);
     for (int x = 0; x < width; ++x) {
       const auto value = static_cast<double>(from[x]);
       // Computed from halves, because the difference of two doubles may be infinite.
@@ -80,7 +80,7 @@ cv::Size fitted(cv::Size image, cv::Size cell) {
           std::clamp(static_cast<int>(std::lround(image.height * scale)), 1, cell.height)};
 }
 
-void draw_fitted(const cv::Mat& image, cv::Mat cell) {
+void draw_fitted(const cv::Mat& image, const cv::Mat& cell) {
   const cv::Mat color = to_bgr(image);
   const cv::Size size = fitted(color.size(), cell.size());
   cv::Mat scaled;

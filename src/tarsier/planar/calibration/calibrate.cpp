@@ -125,6 +125,7 @@ std::optional<Camera> refined_start(const std::vector<FitView>& all, cv::Size si
   if (used_points(views) != used_points(all)) return std::nullopt;
   std::vector<double> rms;
   (void)fit_lens(camera, views, fit_options(options, camera, 1), stop);
+  rms.reserve(views.size());
   for (const FitView& view : views) rms.push_back(rms_of(camera, view));
   return upper_median(rms) < kMaxStartRms_px ? std::optional<Camera>(camera) : std::nullopt;
 }
@@ -450,7 +451,7 @@ Calibration calibrate(const std::vector<BoardView>& board_views, const BoardSpec
     (void)fit_lens(camera, views, fit_options(options, camera, 0), stop);
   }
   result.used = count_used(views);
-  FitOptions last = fit_options(options, camera, 0);
+  const FitOptions last = fit_options(options, camera, 0);
   const FitResult fit = fit_lens(camera, views, last, stop);
   if (result.used < options.min_views) {
     too_few(result.used, "views fit together");

@@ -238,6 +238,7 @@ std::vector<cv::Point2f> find_blobs(const cv::Mat& gray, std::size_t max_blobs) 
   if (blobs.size() > max_blobs) {
     // The dots of a board are alike: those nearest to the median size are kept.
     std::vector<float> sizes;
+    sizes.reserve(blobs.size());
     for (const cv::KeyPoint& blob : blobs) sizes.push_back(blob.size);
     std::nth_element(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2),
                      sizes.end());
@@ -248,6 +249,7 @@ std::vector<cv::Point2f> find_blobs(const cv::Mat& gray, std::size_t max_blobs) 
     blobs.resize(max_blobs);
   }
   std::vector<cv::Point2f> points;
+  points.reserve(blobs.size());
   for (const cv::KeyPoint& blob : blobs) points.push_back(blob.pt);
   return points;
 }

@@ -57,7 +57,7 @@ bool draw_patch(const Level& level, const cv::Point2d& at, const cv::Matx22d& ba
   }
   const auto fixed = [](double v) { return static_cast<int>(std::lround(v * 65536)); };
   const int stride = static_cast<int>(level.padded.step);
-  const std::uint8_t* image = level.padded.ptr<std::uint8_t>();
+  const auto* image = level.padded.ptr<std::uint8_t>();
   const int du = fixed(back(0, 0));
   const int dv = fixed(back(1, 0));
   for (int r = 0; r < kDrawn; ++r) {
@@ -255,6 +255,7 @@ std::vector<PatchMatch> match_anchors(const Target& target, const Level& level,
 double coverage_of(const std::vector<Correspondence>& correspondences, cv::Size size) {
   if (correspondences.size() < 3) return 0;
   std::vector<cv::Point2f> points;
+  points.reserve(correspondences.size());
   for (const Correspondence& s : correspondences) points.emplace_back(s.at);
   std::vector<cv::Point2f> hull;
   cv::convexHull(points, hull);

@@ -146,7 +146,7 @@ Target read_target(const std::string& path) {
   target.width = number_member(value, "width", path, 1e-4, 1e3);
   target.height = number_member(value, "height", path, 1e-4, 1e3);
   const json& given = member(value, "given", path);
-  for (int k = 0; k < 2; ++k) {
+  for (std::size_t k = 0; k < 2; ++k) {
     if (!given.is_array() || given.size() != 2 || !given[k].is_number_integer() || given[k] < 8 ||
         given[k] > 200'000) {
       throw ModelError(path, "'given': expected the width and height of an image");

@@ -140,6 +140,7 @@ std::vector<Match> Dictionary::nearest(std::span<const float> brightness, int co
     if (static_cast<int>(best.size()) > count) best.pop_back();
   }
   std::vector<Match> matches;
+  matches.reserve(best.size());
   for (const auto& [sum, rotated] : best)
     matches.push_back({static_cast<int>(rotated->id_and_rotation / 4),
                        static_cast<int>(rotated->id_and_rotation % 4),

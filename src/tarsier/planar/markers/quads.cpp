@@ -206,7 +206,7 @@ std::optional<std::pair<double, double>> edge_along(const cv::Mat& gray, const V
   for (int i = inner + 1; i <= outer; ++i) {
     const Vector2d p = at + (i * kStep) * normal;
     const float now = sample(gray, p.x(), p.y());
-    const double rise = static_cast<double>(now - before);
+    const auto rise = static_cast<double>(now - before);
     before = now;
     if (rise <= 0) continue;
     // Squared, so that the step dominates slow changes of light.
@@ -286,7 +286,7 @@ bool refine_quad(const cv::Mat& gray, const RefineOptions& options, Quad& quad) 
       const Vector2d at = a + share * along;
       const auto edge = edge_along(gray, at, normal, options.reach_px);
       if (!edge) continue;
-      points.push_back(at + edge->first * normal);
+      points.emplace_back(at + edge->first * normal);
       heights.push_back(edge->second);
     }
     if (static_cast<int>(points.size()) < std::max(3, count / 3)) return false;

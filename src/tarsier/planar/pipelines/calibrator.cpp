@@ -164,7 +164,7 @@ CalibratorAnswer Calibrator::process_live(const Frame& frame, CalibratorState& s
 
 CalibratorAnswer Calibrator::accept(const calibration::ViewCollector::Answer& answer,
                                     CalibratorState& state) const {
-  const CalibratorAnswer result{state.board, answer.decision};
+  CalibratorAnswer result{state.board, answer.decision};
   CalibrationImage image = image_of(state);
   if (!result.is_accepted()) {
     if (options_.live) return result;

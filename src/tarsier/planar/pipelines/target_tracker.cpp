@@ -36,6 +36,7 @@ TargetTracker TargetTracker::load(const std::vector<std::string>& paths,
                                   const TargetTrackerOptions& options) {
   options.check();
   std::vector<image_targets::Target> targets;
+  targets.reserve(paths.size());
   for (const std::string& path : paths) targets.push_back(image_targets::read_target(path));
   return TargetTracker(std::move(targets), options);
 }

@@ -198,7 +198,8 @@ std::uint32_t crc_of(const std::string& bytes) {
 
 std::string big_endian(std::uint32_t value) {
   std::string bytes;
-  for (unsigned shift : {24U, 16U, 8U, 0U}) bytes += static_cast<char>((value >> shift) & 0xFFU);
+  for (const unsigned shift : {24U, 16U, 8U, 0U})
+    bytes += static_cast<char>((value >> shift) & 0xFFU);
   return bytes;
 }
 

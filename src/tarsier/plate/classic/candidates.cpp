@@ -133,7 +133,7 @@ std::vector<ClassicCandidate> find_candidates(const cv::Mat& gray, const Candida
   cv::Mat overlay;
   if (debug != nullptr) cv::cvtColor(gray, overlay, cv::COLOR_GRAY2BGR);
   const auto outline = [&](const Quad& quad, const cv::Scalar& color) {
-    std::vector<cv::Point> points(quad.begin(), quad.end());
+    const std::vector<cv::Point> points(quad.begin(), quad.end());
     cv::polylines(overlay, points, true, color, 1, cv::LINE_AA);
   };
   std::uint64_t number = 0;

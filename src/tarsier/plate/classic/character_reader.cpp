@@ -80,7 +80,7 @@ CharacterReader train_character_reader(const CharacterSet& set, const std::vecto
   for (const int i : indices) {
     const auto k = static_cast<std::size_t>(i);
     for (const cv::Mat& view : augmented(set.characters[k], options.kind)) {
-      std::vector<float> features = features_of(view, options.kind, options.thumbnail_size);
+      const std::vector<float> features = features_of(view, options.kind, options.thumbnail_size);
       rows.push_back(cv::Mat(features, true).reshape(1, 1));
       labels.push_back(set.labels[k]);
     }
@@ -93,6 +93,7 @@ CharacterReader train_character_reader(const CharacterSet& set, const std::vecto
   for (int c = 0; c < classes; ++c) {
     throw_if_stopped(stop);
     std::vector<int> binary_labels;
+    binary_labels.reserve(labels.size());
     for (const int label : labels) binary_labels.push_back(label == c ? 1 : -1);
     reader.svms.push_back(train_linear_svm(rows, binary_labels, options.cost, kSvmRounds,
                                            rng.fork(static_cast<std::uint64_t>(c))));

@@ -13,7 +13,7 @@
 namespace tarsier::plate {
 
 double LinearModel::margin(const float* x) const {
-  double sum = static_cast<double>(bias);
+  auto sum = static_cast<double>(bias);
   for (std::size_t i = 0; i < weights.size(); ++i)
     sum += static_cast<double>(weights[i]) * static_cast<double>(x[i]);
   return sum;

@@ -42,7 +42,7 @@ std::vector<float> projected(const std::vector<float>& values, const std::vector
 cv::Mat rows_of(const PlateSet& set, const std::vector<int>& indices, PlateFeatures features) {
   cv::Mat rows;
   for (const int i : indices) {
-    std::vector<float> values =
+    const std::vector<float> values =
         plate_features(set.candidates[static_cast<std::size_t>(i)], features);
     rows.push_back(cv::Mat(values, true).reshape(1, 1));
   }
@@ -55,6 +55,7 @@ PlateSvm train_on(const PlateSet& set, const std::vector<int>& indices,
   svm.features = options.features;
   cv::Mat rows = rows_of(set, indices, options.features);
   std::vector<int> labels;
+  labels.reserve(indices.size());
   for (const int i : indices) labels.push_back(set.labels[static_cast<std::size_t>(i)]);
   if (options.features == PlateFeatures::kPca) {
     const cv::PCA pca(rows, cv::Mat(), cv::PCA::DATA_AS_ROW,

@@ -45,6 +45,7 @@ bool is_slogan_of(const Reading& small, const Reading& plate) {
 
 std::vector<bool> are_slogans(const std::vector<Reading>& readings) {
   std::vector<bool> slogans;
+  slogans.reserve(readings.size());
   for (const Reading& reading : readings) {
     slogans.push_back(std::any_of(readings.begin(), readings.end(), [&](const Reading& plate) {
       return is_slogan_of(reading, plate);
@@ -78,6 +79,7 @@ std::vector<Reading> suppress_competing(std::vector<Reading> readings) {
     }
   }
   std::vector<Reading> results;
+  results.reserve(chosen.size());
   for (const std::size_t i : chosen) results.push_back(std::move(readings[i]));
   std::stable_sort(results.begin(), results.end(),
                    [](const Reading& a, const Reading& b) { return a.confidence > b.confidence; });

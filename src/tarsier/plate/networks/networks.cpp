@@ -200,6 +200,7 @@ std::vector<Detection> detect(const cv::Mat& gray, const linalg::Network& networ
     match->weight += weight;
   }
   std::vector<Detection> result;
+  result.reserve(clusters.size());
   for (const Cluster& cluster : clusters) result.push_back({cluster.mean(), cluster.best_score});
   return result;
 }
@@ -287,7 +288,7 @@ cv::Mat read_line(const cv::Mat& gray, const Quad& text, int width, const linalg
   const int columns = workspace.shapes.back().width;
   cv::Mat result(columns, kClasses, CV_32F);
   for (int t = 0; t < columns; ++t) {
-    float* row = result.ptr<float>(t);
+    auto* row = result.ptr<float>(t);
     float top = out[static_cast<std::size_t>(t)];
     for (int c = 0; c < kClasses; ++c) {
       row[c] = out[static_cast<std::size_t>(c * columns + t)];

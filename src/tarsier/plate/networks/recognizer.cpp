@@ -170,7 +170,7 @@ CalibrationFeatures calibration_features(double posterior, double min_character,
           log_odds(min_character, kOddsMargin)};
 }
 
-Recognizer::Recognizer(DetectorModel detector, ReaderModel reader, CountryChoice countries,
+Recognizer::Recognizer(DetectorModel detector, ReaderModel reader, const CountryChoice& countries,
                        const RecognizerOptions& options, const DecodeOptions& decoding)
     : detector_(std::move(detector)),
       reader_(std::move(reader)),

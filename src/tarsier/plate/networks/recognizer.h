@@ -97,7 +97,7 @@ struct UncalibratedReading {
 // Reads the plates of an image with the three networks. Const: any number of threads may use it.
 class Recognizer {
  public:
-  Recognizer(DetectorModel detector, ReaderModel reader, CountryChoice countries,
+  Recognizer(DetectorModel detector, ReaderModel reader, const CountryChoice& countries,
              const RecognizerOptions& options = {}, const DecodeOptions& decoding = {});
 
   // `image` is CV_8UC3 or CV_8UC1. Highest confidence first. `debug` and `timers` (find, align,

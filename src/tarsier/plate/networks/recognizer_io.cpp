@@ -33,7 +33,7 @@ void list_detector(linalg::ModelFields& file, DetectorModel& model) {
 void list_reader(linalg::ModelFields& file, ReaderModel& model) {
   list_network(file, "line", model.line, {1, kLineHeight, kLineWidth},
                {kClasses, 1, kLineWidth / kColumnStride});
-  std::span weights(model.calibration.weights);
+  const std::span weights(model.calibration.weights);
   auto features = weights.first(5);
   auto logits = weights.subspan(5);
   file.list<double>("calibration", features, 5);

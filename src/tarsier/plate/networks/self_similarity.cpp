@@ -100,7 +100,7 @@ std::vector<double> relative_edge_energy(const cv::Mat& canvas, const std::strin
     for (int y = kLineTop - 1; y <= kLineBottom; ++y) {
       const auto* row = smooth.ptr<float>(y);
       for (int c = std::max(1, x - reach); c <= std::min(smooth.cols - 2, x + reach); ++c) {
-        const double slope = static_cast<double>(row[c + 1] - row[c - 1]);
+        const auto slope = static_cast<double>(row[c + 1] - row[c - 1]);
         sum += slope * slope;
       }
     }

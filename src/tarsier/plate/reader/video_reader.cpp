@@ -40,7 +40,7 @@ nlohmann::ordered_json to_json(const VideoReaderResult& result) {
   return object;
 }
 
-VideoReader::VideoReader(Read read, const TrackerOptions& options)
+VideoReader::VideoReader(const Read& read, const TrackerOptions& options)
     : VideoReader(read == nullptr
                       ? ReadPart()
                       : ReadPart([read](const Frame& frame, const cv::Rect&, DebugSink* debug) {
@@ -48,8 +48,8 @@ VideoReader::VideoReader(Read read, const TrackerOptions& options)
                         }),
                   options) {}
 
-VideoReader::VideoReader(ReadPart read, const TrackerOptions& options)
-    : read_(std::move(read)), options_(options) {
+VideoReader::VideoReader(ReadPart read, TrackerOptions options)
+    : read_(std::move(read)), options_(std::move(options)) {
   TARSIER_REQUIRE(read_ != nullptr, "a reader is needed");
   options_.check();
 }

@@ -66,8 +66,8 @@ class VideoReader {
   [[nodiscard]] static VideoReader load(const ModelStore& models,
                                         const VideoReaderOptions& options = {});
   // Uses `read` to find plates. Throws std::invalid_argument for a null function or bad options.
-  VideoReader(ReadPart read, const TrackerOptions& options);
-  VideoReader(Read read, const TrackerOptions& options);  // always reads the whole frame
+  VideoReader(ReadPart read, TrackerOptions options);
+  VideoReader(const Read& read, const TrackerOptions& options);  // always reads the whole frame
 
   [[nodiscard]] const TrackerOptions& options() const { return options_; }
 

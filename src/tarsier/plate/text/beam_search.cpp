@@ -38,6 +38,7 @@ Decoder::Tables::Tables(CountryChoice country_choice, const DecodeOptions& decod
     total[layout.country] += layout.weight;
   }
   std::vector<double> priors;
+  priors.reserve(choice.layouts.size());
   for (const Layout& layout : choice.layouts) {
     priors.push_back(prior_of(layout, total[layout.country]));
   }
@@ -127,7 +128,7 @@ class Search {
 
   void run() {
     for (int column = 0; column < probabilities_.rows; ++column) {
-      const float* row = probabilities_.ptr<float>(column);
+      const auto* row = probabilities_.ptr<float>(column);
       if (row[kBlank] > kMinSkippedBlank && !wide_) {
         skip_blank();
       } else {

@@ -363,6 +363,7 @@ std::vector<Country> read_countries(const std::string& folder) {
     if (error) throw InputError(folder, error.message());
   }
   std::vector<Country> countries;
+  countries.reserve(paths.size());
   for (const std::string& path : paths) {
     countries.push_back(parse_country(read_file(path, kMaxFileBytes), path));
   }

@@ -27,7 +27,7 @@ double log_probability(const cv::Mat& probabilities, const std::vector<int>& cla
   std::vector<double> forward(states, 0);
   double log_scale = 0;
   for (int column = 0; column < probabilities.rows; ++column) {
-    const float* row = probabilities.ptr<float>(column);
+    const auto* row = probabilities.ptr<float>(column);
     double sum = 0;
     for (std::size_t state = states; state-- > 0;) {  // descending, so that one array is enough
       double incoming = forward[state];
@@ -59,7 +59,7 @@ std::vector<std::pair<int, int>> best_alignment(const cv::Mat& probabilities,
   std::vector<std::uint8_t> steps(states * columns, 0);  // number of states to go back
   const auto log_of = [](float p) { return p > 0 ? std::log(static_cast<double>(p)) : kLogZero; };
   for (std::size_t column = 0; column < columns; ++column) {
-    const float* row = probabilities.ptr<float>(static_cast<int>(column));
+    const auto* row = probabilities.ptr<float>(static_cast<int>(column));
     const double log_blank = log_of(row[kBlank]);
     for (std::size_t state = states; state-- > 0;) {
       double best = score[state];

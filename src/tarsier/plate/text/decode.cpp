@@ -64,10 +64,10 @@ void align(DecodedText& text, const Decoder::Tables& tables, const cv::Mat& prob
     double share = 0;
     for (int column = text.columns[position].first; column <= text.columns[position].second;
          ++column) {
-      const float* row = probabilities.ptr<float>(column);
+      const auto* row = probabilities.ptr<float>(column);
       if (static_cast<double>(row[own]) <= peak) continue;
       peak = static_cast<double>(row[own]);
-      double sum = static_cast<double>(row[kBlank]);
+      auto sum = static_cast<double>(row[kBlank]);
       for (std::size_t symbol = 0; symbol < kSymbols; ++symbol) {
         const double weight = symbol == own ? 1 : allowed[position][symbol];
         sum += weight * static_cast<double>(row[symbol]);
@@ -84,7 +84,7 @@ void require_probabilities(const cv::Mat& probabilities) {
                   "{}x{}, type {} are not class probabilities", probabilities.cols,
                   probabilities.rows, probabilities.type());
   for (int column = 0; column < probabilities.rows; ++column) {
-    const float* row = probabilities.ptr<float>(column);
+    const auto* row = probabilities.ptr<float>(column);
     double sum = 0;
     for (int k = 0; k < kClasses; ++k) {
       TARSIER_REQUIRE(row[k] >= 0 && row[k] <= 1.001F, "class {} of column {} has probability {}",

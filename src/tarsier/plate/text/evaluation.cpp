@@ -92,6 +92,7 @@ void Tally::add_image(const std::string& image, const std::vector<TruthPlate>& t
   ++scores.images;
   scores.returned += static_cast<int>(readings.plates.size());
   std::vector<std::string> texts;
+  texts.reserve(truth.size());
   for (const TruthPlate& plate : truth) texts.push_back(normalized(plate.text, fold));
   const auto matches = match(truth, texts, readings, fold);
   for (std::size_t k = 0; k < truth.size(); ++k) {

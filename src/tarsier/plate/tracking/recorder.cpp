@@ -37,7 +37,7 @@ Clock::duration seconds(double s) {
 // The 22nd field of /proc/PID/stat: the start time in ticks. Empty if there is no such process.
 std::string start_of(const std::string& process) {
   std::ifstream file("/proc/" + process + "/stat");
-  std::string stat{std::istreambuf_iterator<char>(file), {}};
+  const std::string stat{std::istreambuf_iterator<char>(file), {}};
   const std::size_t name_end = stat.rfind(')');  // the second field may contain anything
   if (name_end == std::string::npos) return "";
   std::size_t at = name_end + 1;

@@ -72,6 +72,7 @@ bool Region::contains(cv::Point2d point, cv::Size image) const {
 
 std::vector<cv::Point> Region::outline(cv::Size image) const {
   std::vector<cv::Point> points;
+  points.reserve(corners.size());
   for (const cv::Point2d& corner : corners) {
     points.emplace_back(static_cast<int>(std::lround(corner.x * (relative ? image.width : 1))),
                         static_cast<int>(std::lround(corner.y * (relative ? image.height : 1))));

@@ -127,6 +127,7 @@ bool is_parked(const Track& track) { return track.last_time - track.anchor_time 
 
 void vote_now(Track& track, const TrackerOptions& options) {
   std::vector<Ballot> ballots;
+  ballots.reserve(track.readings.size());
   for (const TrackReading& item : track.readings) ballots.push_back(item.ballot);
   track.voted = vote(ballots, options.voting);
   double sum = 0;

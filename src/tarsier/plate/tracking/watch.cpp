@@ -90,7 +90,7 @@ std::string minute_text(int minute) { return fmt::format("{:02}:{:02}", minute /
 
 std::optional<int> day_of(std::string_view text) {
   const std::string day = lower_case(text);
-  const auto at = std::find(kDays.begin(), kDays.end(), day);
+  const auto* const at = std::find(kDays.begin(), kDays.end(), day);
   if (at == kDays.end()) return std::nullopt;
   return static_cast<int>(at - kDays.begin());
 }
@@ -128,7 +128,7 @@ std::vector<std::size_t> columns_of(const std::vector<std::string>& names) {
   std::vector<std::size_t> columns;
   for (const std::string& name : names) {
     const std::string column = lower_case(trimmed(name));
-    const auto at = std::find(kColumns.begin(), kColumns.end(), column);
+    const auto* const at = std::find(kColumns.begin(), kColumns.end(), column);
     if (at == kColumns.end())
       refuse("column", name, fmt::format("expected {}", fmt::join(kColumns, ", ")));
     columns.push_back(static_cast<std::size_t>(at - kColumns.begin()));
@@ -390,7 +390,7 @@ bool WatchList::remove(std::string_view plate) {
   if (at == entries_.end()) return false;
   // The comment of the first entry belongs to the file.
   const bool is_first = at == entries_.begin();
-  std::string comment = std::move(at->comment);
+  const std::string comment = std::move(at->comment);
   const auto next = entries_.erase(at);
   if (is_first && !comment.empty()) {
     std::string& below = next == entries_.end() ? last_comment_ : next->comment;

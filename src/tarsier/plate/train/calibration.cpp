@@ -18,7 +18,7 @@ using Features = CalibrationFeatures;
 }  // namespace
 
 Calibration fit_calibration(const Recognizer& recognizer, const ViewGenerator& views, int count,
-                            std::uint64_t seed, Progress& progress, std::stop_token stop) {
+                            std::uint64_t seed, Progress& progress, const std::stop_token& stop) {
   TARSIER_REQUIRE(count >= 100, "{} plates are too few", count);
   const Rng base(seed);
   std::vector<Features> rows(static_cast<std::size_t>(count));

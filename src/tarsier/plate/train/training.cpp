@@ -296,7 +296,7 @@ void run_training(linalg::Network& network, int steps, double rate, std::uint64_
   options.steps = steps;
   options.rate = rate;
   options.seed = seed;
-  linalg::train(network, options, stage, make, loss, progress, std::move(stop));
+  linalg::train(network, options, stage, make, loss, progress, stop);
 }
 
 }  // namespace

@@ -63,7 +63,7 @@ struct TrainingOptions {
 // regression (Newton's method with a small ridge).
 [[nodiscard]] Calibration fit_calibration(const Recognizer& recognizer, const ViewGenerator& views,
                                           int count, std::uint64_t seed, Progress& progress,
-                                          std::stop_token stop);
+                                          const std::stop_token& stop);
 
 // The characters of labelled crops with given boxes, and how many of them are read wrong. The
 // result for a character is the most probable symbol in the columns of its box's centre.

@@ -40,7 +40,7 @@ double cpu_seconds() {
   return static_cast<double>(now.tv_sec) + static_cast<double>(now.tv_nsec) * 1e-9;
 }
 
-void add_fields(Digest& digest, OptionFields fields) {
+void add_fields(Digest& digest, const OptionFields& fields) {
   for (const OptionField& field : fields) {
     digest.add(field.name);
     std::visit(
@@ -185,7 +185,7 @@ class DenseRun {
   }
 
   // The working size of an image.
-  cv::Size size_of(int i) const {
+  [[nodiscard]] cv::Size size_of(int i) const {
     const geometry::Camera& camera = workspace_.camera(i);
     const double side = std::max(camera.width, camera.height);
     const double min_scale = std::min(1.0, options_.min_side / side);
@@ -262,7 +262,7 @@ class DenseRun {
     return problem;
   }
 
-  std::string photometric_digest(int i) const {
+  [[nodiscard]] std::string photometric_digest(int i) const {
     Digest digest;
     digest.add(kVersion);
     digest.add(source_digest_);
@@ -311,7 +311,7 @@ class DenseRun {
       } else {
         const double start = cpu_seconds();
         const PlaneMap map = match_planes(problem_of(i), options_.matching, stop_);
-        DepthMap written{map.depth, map.normal, 1 - map.cost / kZeroConfidenceCost};
+        const DepthMap written{map.depth, map.normal, 1 - map.cost / kZeroConfidenceCost};
         workspace_.write_depth_map(i, written, MapKind::kPhotometric);
         image(i).cpu_seconds = cpu_seconds() - start;
         write_state(record, digests_.back(), {{"cpu_seconds", image(i).cpu_seconds}});
@@ -363,7 +363,7 @@ class DenseRun {
     large_.reset();
   }
 
-  PlaneMap photometric_map(int i) const {
+  [[nodiscard]] PlaneMap photometric_map(int i) const {
     const DepthMap read = workspace_.read_depth_map(i, MapKind::kPhotometric);
     PlaneMap map;
     map.depth = read.depth;
@@ -467,7 +467,7 @@ class DenseRun {
     return result_;
   }
 
-  std::int64_t count_with_sources() const {
+  [[nodiscard]] std::int64_t count_with_sources() const {
     return std::count_if(choices_.begin(), choices_.end(),
                          [](const ViewChoice& its) { return !its.sources.empty(); });
   }

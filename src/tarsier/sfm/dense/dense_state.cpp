@@ -21,7 +21,7 @@ constexpr std::int64_t kMaxStateBytes = 100'000'000;
 
 nlohmann::json read_state(const std::string& path, std::string_view digest) {
   try {
-    const nlohmann::json record = parse_json(read_file(path, kMaxStateBytes), path);
+    nlohmann::json record = parse_json(read_file(path, kMaxStateBytes), path);
     if (record.is_object() && record.value("digest", nlohmann::json()) == digest) return record;
   } catch (const InputError&) {  // missing, or not a record
   }

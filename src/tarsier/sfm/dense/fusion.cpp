@@ -94,7 +94,7 @@ class Fuser {
         min_cosine_(std::cos(options.max_normal_angle_deg * std::numbers::pi / 180)),
         min_views_(neighbours.empty() ? 1 : options.min_views) {}
 
-  std::optional<CloudPoint> point_at(int x, int y) const {
+  [[nodiscard]] std::optional<CloudPoint> point_at(int x, int y) const {
     const Eigen::Vector3d world = view_.world_of(x, y);
     const Eigen::Vector3d normal = view_.normal_of(x, y);
     Sum sum;

@@ -34,6 +34,7 @@ std::vector<Known> scaled_points(const MatchProblem& problem, const geometry::Ca
     if (inverse > entry.inverse_depth) entry = {pixel, inverse};
   }
   std::vector<Known> points;
+  points.reserve(nearest.size());
   for (const auto& [index, known] : nearest) points.push_back(known);
   return points;
 }

@@ -127,6 +127,7 @@ class Selector {
   void set_depths(ViewChoice& choice) const {
     if (choice.known.empty()) return;
     std::vector<double> inverse;
+    inverse.reserve(choice.known.size());
     for (const KnownDepth& known : choice.known) inverse.push_back(1 / known.depth);
     std::sort(inverse.begin(), inverse.end());
     const auto at = [&](double part) {
@@ -165,7 +166,7 @@ class Selector {
   }
 
   // The angle between two sources, as seen from the middle of what the image sees.
-  double angle_between(int reference, int a, int b, double depth) const {
+  [[nodiscard]] double angle_between(int reference, int a, int b, double depth) const {
     const Image& image = model_.images[static_cast<std::size_t>(reference)];
     const Eigen::Vector3d center = image.pose.inverse() * Eigen::Vector3d(0, 0, depth);
     const Eigen::Vector3d to_a = centers_[static_cast<std::size_t>(a)] - center;

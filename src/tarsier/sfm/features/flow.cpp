@@ -96,12 +96,12 @@ class Template {
     for (float& value : values_) value -= static_cast<float>(mean / kPixels);
     square_ = dot(values_, values_);
     Normal normal;
-    for (int k = 0; k < kParameters; ++k) {
+    for (auto& slopes : slopes_) {
       double sum = 0;
-      for (const float slope : slopes_[k]) sum += static_cast<double>(slope);
+      for (const float slope : slopes) sum += static_cast<double>(slope);
       const auto offset = static_cast<float>(sum / kPixels);
-      const auto gain = static_cast<float>(square_ > 0 ? dot(slopes_[k], values_) / square_ : 0.0);
-      for (int i = 0; i < kPixels; ++i) slopes_[k][i] -= offset + gain * values_[i];
+      const auto gain = static_cast<float>(square_ > 0 ? dot(slopes, values_) / square_ : 0.0);
+      for (int i = 0; i < kPixels; ++i) slopes[i] -= offset + gain * values_[i];
     }
     for (int k = 0; k < kParameters; ++k)
       for (int l = 0; l < kParameters; ++l) normal(k, l) = dot(slopes_[k], slopes_[l]);
@@ -165,7 +165,7 @@ class Template {
     const cv::Matx22f affine = warp.affine;
     const cv::Vec2f shift = warp.shift;
     const auto stride = static_cast<std::ptrdiff_t>(image.step1());
-    const float* pixels = image.ptr<float>();
+    const auto* pixels = image.ptr<float>();
     for (int v = -kRadius; v <= kRadius; ++v) {
       for (int u = -kRadius; u <= kRadius; ++u) {
         const auto a = static_cast<float>(u);
@@ -245,6 +245,7 @@ void FlowTracker::add(const cv::Mat& image) {
 void FlowTracker::track_points(const cv::Mat& image, const std::vector<cv::Mat>& pyramid,
                                const cv::Mat& smooth) {
   std::vector<cv::Point2f> before;
+  before.reserve(live_tracks_.size());
   for (const LiveTrack& live : live_tracks_) before.push_back(live.track.points.back());
   std::vector<cv::Point2f> after;
   std::vector<cv::Point2f> back;
@@ -375,6 +376,7 @@ void FlowTracker::begin(const cv::Mat& image, const cv::Mat& gray, const cv::Mat
   if (candidates.empty()) return;
 
   std::vector<cv::Point2f> points;
+  points.reserve(candidates.size());
   for (const Corner& corner : candidates) points.emplace_back(corner.pixel);
   cv::cornerSubPix(gray, points, {3, 3}, {-1, -1},
                    {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.01});

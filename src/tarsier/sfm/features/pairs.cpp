@@ -517,7 +517,7 @@ std::vector<ImagePair> Retrieval::pairs(const KnownPositions& positions) const {
           order.push_back(other);
         }
         for (const int other : farther_images(image, order, options_.nearest, row))
-          of_block[static_cast<std::size_t>(block)].push_back(std::minmax(image, other));
+          of_block[static_cast<std::size_t>(block)].emplace_back(std::minmax(image, other));
         const IsMoreSimilar is_more_similar{row};
         const auto first_of = [&](std::ptrdiff_t most) {
           return order.begin() + std::min(most, static_cast<std::ptrdiff_t>(order.size()));
@@ -536,7 +536,7 @@ std::vector<ImagePair> Retrieval::pairs(const KnownPositions& positions) const {
           chosen = end;
         }
         for (auto other = order.begin(); other != chosen; ++other)
-          of_block[static_cast<std::size_t>(block)].push_back(std::minmax(image, *other));
+          of_block[static_cast<std::size_t>(block)].emplace_back(std::minmax(image, *other));
       }
     }
   });

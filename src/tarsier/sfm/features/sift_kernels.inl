@@ -124,13 +124,13 @@ int extrema(const FloatPlane& below, const FloatPlane& middle, const FloatPlane&
   int count = 0;
   int x = border;
   for (; x + kLanes <= end; x += kLanes) {
-    const Vector value = load<Vector>(rows[4] + x);
+    const auto value = load<Vector>(rows[4] + x);
     // The neighbours in the same plane reject most candidates.
     Vector high = larger(load<Vector>(rows[4] + x - 1), load<Vector>(rows[4] + x + 1));
     Vector low = smaller(load<Vector>(rows[4] + x - 1), load<Vector>(rows[4] + x + 1));
     for (int r = 3; r <= 5; r += 2) {
       for (int dx = -1; dx <= 1; ++dx) {
-        const Vector other = load<Vector>(rows[r] + x + dx);
+        const auto other = load<Vector>(rows[r] + x + dx);
         high = larger(high, other);
         low = smaller(low, other);
       }

@@ -201,7 +201,7 @@ class Bisection {
     }
     const double total = degrees.sum();
     const auto without_constant = [&](const Eigen::VectorXd& v) -> Eigen::VectorXd {
-      Eigen::VectorXd rest = v.array() - v.dot(degrees) / total;
+      const Eigen::VectorXd rest = v.array() - v.dot(degrees) / total;
       return rest / std::sqrt(rest.cwiseAbs2().dot(degrees));
     };
     vector = without_constant(vector);

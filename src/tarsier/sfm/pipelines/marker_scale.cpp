@@ -148,6 +148,7 @@ SideStatus measure(const Model& model, std::vector<MarkerObservation>& observati
     }
     if (!has_wide_baseline(model, observations, corners[0])) return SideStatus::kSmallAngle;
     std::vector<double> errors;
+    errors.reserve(observations.size());
     for (const MarkerObservation& one : observations)
       errors.push_back(reprojection_of(model, one, corners));
     const auto max_error = std::max_element(errors.begin(), errors.end());

@@ -257,6 +257,7 @@ void require_utf8(const std::string& text) {
 
 std::vector<Input> Plan::inputs() const {
   std::vector<Input> inputs;
+  inputs.reserve(images.size());
   for (const PlannedImage& image : images) inputs.push_back({image.name, image.path, image.place});
   return inputs;
 }
@@ -288,6 +289,7 @@ Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
   plan.cluster_size = cluster_size;
   if (given.pairs == PairChoice::kList) {
     std::vector<std::string> names;
+    names.reserve(inputs.size());
     for (const Input& input : inputs) names.push_back(input.name);
     (void)read_pairs_list(given.pairs_file, names);
     const std::string list = read_file(given.pairs_file, kMaxPairsBytes);

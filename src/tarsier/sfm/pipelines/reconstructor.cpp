@@ -26,6 +26,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <utility>
 
 namespace tarsier::sfm {
 namespace {
@@ -110,7 +111,7 @@ nlohmann::ordered_json to_json(const ReconstructorResult& result) {
   return report;
 }
 
-Reconstructor::Reconstructor(const ReconstructorOptions& options) : options_(options) {
+Reconstructor::Reconstructor(ReconstructorOptions options) : options_(std::move(options)) {
   options_.check();
   if (options_.cache && options_.pipeline.cache_folder.empty() && !options_.folder.empty())
     options_.pipeline.cache_folder = (fs::path(options_.folder) / "cache").string();

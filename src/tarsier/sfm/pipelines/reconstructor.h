@@ -89,7 +89,7 @@ struct ReconstructorHooks {
 class Reconstructor {
  public:
   // Throws std::invalid_argument (options), InputError (placement.positions_file).
-  explicit Reconstructor(const ReconstructorOptions& options);
+  explicit Reconstructor(ReconstructorOptions options);
 
   [[nodiscard]] const ReconstructorOptions& options() const { return options_; }
   // The options in use, with the folder of the cache.

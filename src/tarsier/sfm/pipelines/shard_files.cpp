@@ -81,7 +81,7 @@ ImageFeatures get_image(PackedReader& reader) {
   image.size = {size[0], size[1]};
   image.lens.camera = get_camera(reader);
   const std::string from = reader.get_text();
-  const auto origin = std::find(kLensOrigins.begin(), kLensOrigins.end(), from);
+  const auto* const origin = std::find(kLensOrigins.begin(), kLensOrigins.end(), from);
   if (origin == kLensOrigins.end() || image.input < 0 || size[0] < 1 || size[1] < 1 ||
       size[0] > kMaxImageSide || size[1] > kMaxImageSide ||
       image.lens.camera.lens != geometry::Lens::kPinhole) {

@@ -151,7 +151,7 @@ ShardReport ShardFolder::finish(ShardInfo info) const {
 
 ShardInfo ShardFolder::require(ShardStage stage, int shard, const std::string& from) const {
   const std::string path = path_of(stage, shard);
-  const ShardInfo info = read_shard_info(path);
+  ShardInfo info = read_shard_info(path);
   if (info.stage != stage || info.shard != shard || info.shards != count_of(stage) ||
       info.plan != plan_.key)
     throw InputError(path, "belongs to another plan");

@@ -340,6 +340,7 @@ ShardReport ShardedReconstructor::map_cluster(int cluster, const ReconstructorOp
     if (!how.cache_folder.empty()) make_folder(how.cache_folder);
     std::vector<Input> inputs;
     const std::vector<Input> all = plan().inputs();
+    inputs.reserve(made.images.size());
     for (const int image : made.images) inputs.push_back(all[at(readable.input_of(image))]);
     PipelineHooks hooks;
     hooks.matched = [&, &chosen_pairs = pairs](MatchedImages& matched) {

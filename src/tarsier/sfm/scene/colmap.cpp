@@ -255,7 +255,7 @@ class ModelReader {
       geometry::ColmapCamera read = geometry::parse_colmap_camera(line, path, reader.number());
       if (!cameras_.emplace(read.id, static_cast<int>(model_.cameras.size())).second)
         reader.fail(fmt::format("camera {} occurs twice", read.id));
-      model_.cameras.push_back(std::move(read.camera));
+      model_.cameras.push_back(read.camera);
     }
   }
 

@@ -65,7 +65,7 @@ class Decimator {
     for (const Eigen::Vector3f& v : mesh.vertices) centroid_ += v.cast<double>();
     if (!mesh.vertices.empty()) centroid_ /= static_cast<double>(mesh.vertices.size());
     for (const Eigen::Vector3f& v : mesh.vertices)
-      vertices_.push_back(v.cast<double>() - centroid_);
+      vertices_.emplace_back(v.cast<double>() - centroid_);
     stamps_.assign(vertices_.size(), 0);
     quadrics_.resize(vertices_.size());
     faces_of_.resize(vertices_.size());

@@ -201,8 +201,8 @@ void place_vertices(const VoxelVolume& volume, int block, const Crossings& cross
     for (int axis = 0; axis < 3; ++axis) {
       const int bit = 3 * (x + kSide * (y + kSide * z)) + axis;
       if ((crossings.mask[at(bit / 64)] >> bit % 64 & 1) == 0) continue;
-      const double here = static_cast<double>(around.voxel(x, y, z)->distance);
-      const double there = static_cast<double>(
+      const auto here = static_cast<double>(around.voxel(x, y, z)->distance);
+      const auto there = static_cast<double>(
           around.voxel(x + (axis == 0), y + (axis == 1), z + (axis == 2))->distance);
       Eigen::Vector3d position = first + Eigen::Vector3d(x, y, z);
       position[axis] += std::clamp(here / (here - there), kMinCrossingShare, 1 - kMinCrossingShare);
@@ -247,6 +247,7 @@ void add_faces(const VoxelVolume& volume, int block, const std::vector<Crossings
 const std::vector<std::vector<int>>& cell_triangles() {
   static const std::vector<std::vector<int>> all = [] {
     std::vector<std::vector<int>> cases;
+    cases.reserve(256);
     for (int inside = 0; inside < 256; ++inside) cases.push_back(triangles_of_case(inside));
     return cases;
   }();

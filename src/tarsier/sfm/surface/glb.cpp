@@ -50,7 +50,7 @@ class Writer {
   }
   Json& accessor(int index) { return accessors_[at(index)]; }
 
-  std::string file(Json json, const std::string& name) const {
+  [[nodiscard]] std::string file(Json json, const std::string& name) const {
     json["accessors"] = accessors_;
     json["bufferViews"] = views_;
     json["buffers"] = {{{"byteLength", binary.size()}}};

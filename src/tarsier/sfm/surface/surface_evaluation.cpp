@@ -130,6 +130,7 @@ SurfaceScores evaluate_surface(const Workspace& cameras, const SurfaceMesh& trut
   scores.thresholds = score_thresholds(accuracy_distances, completeness_distances, scores.extent);
   scores.distance_median = lower_quantile(accuracy_distances, 0.5);
   std::vector<cv::Vec3f> vertices;
+  vertices.reserve(scores.errors.vertices.size());
   for (const Eigen::Vector3f& vertex : scores.errors.vertices)
     vertices.emplace_back(vertex[0], vertex[1], vertex[2]);
   scores.errors.colors = error_colors(distances(vertices, true_tree, limit, stop), limit);

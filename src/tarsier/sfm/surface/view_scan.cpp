@@ -47,7 +47,7 @@ void draw_depth(const std::array<cv::Point2d, 3>& p, const std::array<double, 3>
   const int y1 =
       std::min(depth.rows - 1, static_cast<int>(std::floor(std::clamp(bottom, -1.0, 1e6))));
   for (int y = y0; y <= y1; ++y) {
-    float* row = depth.ptr<float>(y);
+    auto* row = depth.ptr<float>(y);
     for (int x = x0; x <= x1; ++x) {
       const cv::Point2d here(x, y);
       const double a = (p[1] - here).cross(p[2] - here) / area;

@@ -54,7 +54,7 @@ float mean_distance(const TangentMap& map, const Eigen::Vector3f& at, float u, f
   float sum = 0;
   float total = 0;
   for (int j = std::max(0, top); j <= std::min(top + 1, map.weights.rows - 1); ++j) {
-    const float* weights = map.weights.ptr<float>(j);
+    const auto* weights = map.weights.ptr<float>(j);
     const auto* planes = map.planes.ptr<cv::Vec4f>(j);
     for (int i = std::max(0, left); i <= std::min(left + 1, map.weights.cols - 1); ++i) {
       if (!(weights[i] > 0)) continue;
@@ -197,17 +197,17 @@ TangentMap tangent_map(const DepthMap& map, const geometry::Camera& camera,
   const cv::Mat1b inner = inner_pixels(map.depth, options.trim_px);
   std::vector<float> depths;
   for (int y = 0; y < map.depth.rows; ++y) {
-    const float* depth = map.depth.ptr<float>(y);
+    const auto* depth = map.depth.ptr<float>(y);
     auto* planes = result.planes.ptr<cv::Vec4f>(y);
-    float* weights = result.weights.ptr<float>(y);
+    auto* weights = result.weights.ptr<float>(y);
     for (int x = 0; x < map.depth.cols; ++x) {
-      const double z = static_cast<double>(depth[x]);
+      const auto z = static_cast<double>(depth[x]);
       if (inner(y, x) == 0 || !(z > 0 && std::isfinite(z))) continue;
       const Eigen::Vector3d ray((x - result.camera.cx) / result.camera.fx,
                                 (y - result.camera.cy) / result.camera.fy, 1);
       Eigen::Vector3d normal = -ray.normalized();
       if (!map.normal.empty()) {
-        const cv::Vec3f& n = map.normal.at<cv::Vec3f>(y, x);
+        const auto& n = map.normal.at<cv::Vec3f>(y, x);
         const Eigen::Vector3d given(n[0], n[1], n[2]);
         const double length = given.norm();
         if (!std::isfinite(length)) continue;
@@ -243,7 +243,7 @@ std::vector<VoxelVolume::Key> blocks_near(const TangentMap& map, double voxel, d
     keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
   };
   for (int y = 0; y < map.weights.rows; ++y) {
-    const float* weights = map.weights.ptr<float>(y);
+    const auto* weights = map.weights.ptr<float>(y);
     const auto* planes = map.planes.ptr<cv::Vec4f>(y);
     VoxelVolume::Index last_low(0, 0, 0);
     VoxelVolume::Index last_high(-1, -1, -1);
@@ -298,8 +298,7 @@ void integrate(VoxelVolume& volume, const TangentMap& map, const Integration& op
   view.carving = static_cast<float>(options.carving);
   const double resolution_ratio = volume.size() / map.footprint;
   view.factor = static_cast<float>(std::clamp(resolution_ratio * resolution_ratio, 0.1, 4.0));
-  const float radius =
-      static_cast<float>(volume.size() * 0.5 * VoxelVolume::kSide * std::sqrt(3.0));
+  const auto radius = static_cast<float>(volume.size() * 0.5 * VoxelVolume::kSide * std::sqrt(3.0));
   const Eigen::Vector3f step = view.rotation.col(0);
   cv::parallel_for_(cv::Range(0, volume.blocks()), [&](const cv::Range& range) {
     for (int b = range.start; b < range.end; ++b) {

@@ -208,7 +208,7 @@ class Ransac {
   }
 
   template <typename Refine>
-  ScoredModel refined(ScoredModel best, const Refine& refine, int rounds) const {
+  [[nodiscard]] ScoredModel refined(ScoredModel best, const Refine& refine, int rounds) const {
     for (int k = 0; k < rounds; ++k) {
       const std::optional<Matrix3d> next = refine(best.matrix, inliers_of(best.matrix));
       if (!next) break;

@@ -103,6 +103,7 @@ std::vector<cv::Vec3b> reduced_palette(const std::vector<cv::Mat>& frames) {
     boxes.push_back(box_of(samples, cut, box.end));
   }
   std::vector<cv::Vec3b> colors;
+  colors.reserve(boxes.size());
   for (const Box& box : boxes) colors.emplace_back(box.mean);
   return colors;
 }

@@ -151,7 +151,7 @@ void draw_dots(const Scene& scene, const Viewpoint& view, const ViewOptions& opt
     for (int y = std::max(0, -top); y < std::min(size, image.rows - top); ++y) {
       const auto [begin, end] = span[static_cast<std::size_t>(y)];
       auto* pixels = image.ptr<cv::Vec3b>(top + y);
-      float* depths = depth.ptr<float>(top + y);
+      auto* depths = depth.ptr<float>(top + y);
       for (int x = std::max(left + begin, 0); x < std::min(left + end, image.cols); ++x) {
         if (z < depths[x]) {
           depths[x] = z;
@@ -166,9 +166,9 @@ void draw_dots(const Scene& scene, const Viewpoint& view, const ViewOptions& opt
 void shade_edges(const cv::Mat1f& depth, float scale, cv::Mat& image) {
   const float per_unit = 1 / (0.08F * scale);
   for (int y = 1; y + 1 < image.rows; ++y) {
-    const float* above = depth.ptr<float>(y - 1);
-    const float* here = depth.ptr<float>(y);
-    const float* below = depth.ptr<float>(y + 1);
+    const auto* above = depth.ptr<float>(y - 1);
+    const auto* here = depth.ptr<float>(y);
+    const auto* below = depth.ptr<float>(y + 1);
     auto* pixels = image.ptr<cv::Vec3b>(y);
     for (int x = 1; x + 1 < image.cols; ++x) {
       const float z = here[x];
