@@ -51,6 +51,7 @@ inline TrainingImage portrait(Rng& rng) {
 inline std::vector<TrainingImage> portraits(int count, std::uint64_t seed) {
   Rng rng(seed);
   std::vector<TrainingImage> result;
+  result.reserve(count);
   for (int i = 0; i < count; ++i) result.push_back(portrait(rng));
   return result;
 }

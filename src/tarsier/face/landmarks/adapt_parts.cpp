@@ -66,6 +66,7 @@ std::vector<Sample> reduced_samples(const regression::Descent& base,
     finest = std::max(finest, stage.scale.px_per_unit);
   }
   std::vector<regression::Reduced> reduced;
+  reduced.reserve(faces.size());
   for (const regression::TrainingFace& face : faces) {
     reduced.push_back(regression::reduce_around(face.gray, face.points, finest));
   }

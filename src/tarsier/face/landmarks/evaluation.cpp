@@ -81,6 +81,7 @@ LandmarkScore score_of(const std::vector<FitOutcome>& outcomes) {
 std::vector<double> cumulative(const std::vector<FitOutcome>& outcomes,
                                const std::vector<double>& errors) {
   std::vector<double> sorted;
+  sorted.reserve(outcomes.size());
   for (const FitOutcome& outcome : outcomes) sorted.push_back(error_of(outcome));
   std::sort(sorted.begin(), sorted.end());
   std::vector<double> shares;

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <dlib/svm/structural_svm_object_detection_problem.h>
+#include <utility>
 
 namespace tarsier::face::landmarks::inner {
 namespace {
@@ -20,14 +21,14 @@ class DetectionProblem final
  public:
   DetectionProblem(const HogScanner& scanner, const std::vector<cv::Mat>& all,
                    const DlibObjects& objects, const DlibIgnored& left_out, Progress& progress,
-                   const std::stop_token& stop)
+                   std::stop_token stop)
       : structural_svm_object_detection_problem(
             scanner, dlib::test_box_overlap(), true, all, objects, left_out,
             dlib::test_box_overlap(0.4, 0.7),
             static_cast<unsigned long>(std::max(1, cv::getNumThreads()))),
         count_(static_cast<long>(all.size())),
         progress_(progress),
-        stop_(stop) {}
+        stop_(std::move(stop)) {}
 
   [[nodiscard]] int rounds() const { return rounds_; }
 

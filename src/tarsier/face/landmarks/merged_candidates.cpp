@@ -95,6 +95,7 @@ void rescore_by_anchors(std::vector<MergedCandidate>& merged, bool all_views, do
 
 std::vector<Candidate> candidates_of(const std::vector<MergedCandidate>& merged) {
   std::vector<Candidate> kept;
+  kept.reserve(merged.size());
   for (const MergedCandidate& one : merged) kept.push_back(one.candidate);
   std::stable_sort(kept.begin(), kept.end(), [](const Candidate& a, const Candidate& b) {
     return a.box.area() > b.box.area();

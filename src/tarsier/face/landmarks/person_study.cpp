@@ -38,6 +38,7 @@ double error_of(const regression::Descent& model,
 regression::Descent descent_of(const std::vector<regression::TrainingFace>& faces, int starts,
                                std::uint64_t seed, const std::stop_token& stop) {
   std::vector<Eigen::Matrix2Xd> shapes;
+  shapes.reserve(faces.size());
   for (const regression::TrainingFace& face : faces) shapes.push_back(face.points);
   const Eigen::Matrix2Xd mean = shape::train_shape_model(shapes).mean;
   regression::DescentOptions options;

@@ -134,6 +134,7 @@ TrainedModel train_landmark_model(const shape::LandmarkSet& set, const std::stri
       regression::load_training_faces(set, set_path, load, progress, stop, result.skipped);
   const auto shape_of_faces = [&] {
     std::vector<Eigen::Matrix2Xd> shapes;
+    shapes.reserve(faces.size());
     for (const regression::TrainingFace& face : faces) shapes.push_back(face.points);
     try {
       return shape::train_shape_model(shapes, options.shape);

@@ -114,6 +114,7 @@ Descent train_descent(const std::vector<TrainingFace>& faces, const std::vector<
   Descent model;
   {
     std::vector<Eigen::Matrix2Xd> shapes;
+    shapes.reserve(faces.size());
     for (const TrainingFace& face : faces) shapes.push_back(face.points);
     shape::ShapeModelOptions shape_options;
     if (shapes.size() < 2) shapes.push_back(shapes.front());

@@ -26,9 +26,9 @@ void project(const cv::Mat& frame, int shift, std::vector<Number>& out) {
   const int height = frame.rows;
   out.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * kOrientations);
   for (int y = 0; y < height; ++y) {
-    const std::uint8_t* above = frame.ptr<std::uint8_t>(std::max(0, y - 1));
-    const std::uint8_t* row = frame.ptr<std::uint8_t>(y);
-    const std::uint8_t* below = frame.ptr<std::uint8_t>(std::min(height - 1, y + 1));
+    const auto* above = frame.ptr<std::uint8_t>(std::max(0, y - 1));
+    const auto* row = frame.ptr<std::uint8_t>(y);
+    const auto* below = frame.ptr<std::uint8_t>(std::min(height - 1, y + 1));
     Number* to = out.data() + static_cast<std::ptrdiff_t>(y) * width * kOrientations;
     for (int x = 0; x < width; ++x, to += kOrientations) {
       const int gx = row[std::min(width - 1, x + 1)] - row[std::max(0, x - 1)];

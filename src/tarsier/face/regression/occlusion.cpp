@@ -17,6 +17,7 @@ constexpr int kFractionBits = 4;  // of the coordinates of cv::fillPoly
 
 void fill(cv::Mat& mask, const std::vector<Eigen::Vector2d>& outline) {
   std::vector<cv::Point> corners;
+  corners.reserve(outline.size());
   for (const Eigen::Vector2d& p : outline)
     corners.emplace_back(cvRound(p.x() * (1 << kFractionBits)),
                          cvRound(p.y() * (1 << kFractionBits)));
@@ -129,7 +130,7 @@ std::vector<bool> draw_occlusion(cv::Mat& gray, const Eigen::Matrix2Xd& points,
       for (int y = 0; y < part.height; ++y) {
         for (int x = 0; x < part.width; ++x) {
           const int share = shares.at<std::uint8_t>(y, x);
-          std::uint8_t& pixel = drawn.at<std::uint8_t>(y, x);
+          auto& pixel = drawn.at<std::uint8_t>(y, x);
           pixel = static_cast<std::uint8_t>(
               (share * surface.at<std::uint8_t>(y, x) + (255 - share) * pixel + 127) / 255);
         }

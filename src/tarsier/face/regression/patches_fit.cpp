@@ -79,7 +79,7 @@ void inverse_norms(const cv::Mat& logs, int spare, int side, cv::Mat& scratch, c
     const auto* entering = logs.ptr<float>(y);
     const float* leaving = y >= side ? logs.ptr<float>(y - side) : nullptr;
     for (int x = 0; x < width; ++x) {
-      const double value = static_cast<double>(entering[x]);
+      const auto value = static_cast<double>(entering[x]);
       const double old = leaving != nullptr ? static_cast<double>(leaving[x]) : 0;
       sums[x] += value - old;
       squares[x] += value * value - old * old;
@@ -281,7 +281,7 @@ double find_peak(const Responses& responses, Eigen::Index point, Eigen::Vector2d
   }
   const auto value = [&](int x, int y) { return static_cast<double>(responses.row(point, y)[x]); };
   at = responses.corner.col(point) + Eigen::Vector2d(bx, by);
-  const double peak = static_cast<double>(best);
+  const auto peak = static_cast<double>(best);
   if (bx > 0 && bx < side - 1)
     at.x() += detail::parabola_peak(value(bx - 1, by), peak, value(bx + 1, by));
   if (by > 0 && by < side - 1)
@@ -346,7 +346,7 @@ Eigen::Vector2d shifted_mean(const Responses& probabilities, Eigen::Index point,
       weight += w;
       moment += w * static_cast<float>(x);
     }
-    const double down = static_cast<double>(kernel[static_cast<std::size_t>(side + y)]);
+    const auto down = static_cast<double>(kernel[static_cast<std::size_t>(side + y)]);
     total += down * static_cast<double>(weight);
     sum_x += down * static_cast<double>(moment);
     sum_y += down * static_cast<double>(weight) * y;

@@ -41,6 +41,7 @@ Quality train_quality(const std::vector<TrainingFace>& faces, const std::vector<
   Quality model;
   {
     std::vector<Eigen::Matrix2Xd> shapes;
+    shapes.reserve(faces.size());
     for (const TrainingFace& face : faces) shapes.push_back(face.points);
     if (shapes.size() < 2) shapes.push_back(shapes.front());
     model.mean = shape::train_shape_model(shapes).mean;

@@ -99,7 +99,8 @@ class TreeTrainer {
       sample.truth = mean_from_px(face.points);
       const Eigen::VectorXf residual =
           (sample.truth - mean_from_px(start.points)).reshaped().cast<float>();
-      std::memcpy(row(samples_.size()), residual.data(), sizeof(float) * residual.size());
+      std::memcpy(row(samples_.size()), residual.data(),
+                  sizeof(float) * static_cast<std::size_t>(residual.size()));
       samples_.push_back(std::move(sample));
     }
   }

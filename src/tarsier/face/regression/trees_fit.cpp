@@ -96,7 +96,7 @@ void look_up(const Trees::Level& level, float smoothing, const cv::Mat& gray,
   const auto right = static_cast<float>(gray.cols - 1);
   const auto bottom = static_cast<float>(gray.rows - 1);
   const Eigen::Matrix2Xf at = points.cast<float>();
-  const std::uint8_t* pixels = gray.ptr<std::uint8_t>();
+  const auto* pixels = gray.ptr<std::uint8_t>();
   const std::size_t stride = gray.step[0];
   // Written so that NaN becomes 0.
   const auto nearest = [](float value, float last) {

@@ -149,7 +149,7 @@ struct HeldOutOutputs {
 void calibrate_hidden(const HeldOutOutputs& held_out, VisibilityModel& model) {
   double& a = model.hidden_slope;
   double& b = model.hidden_offset;
-  const std::size_t n = static_cast<std::size_t>(model.points());
+  const auto n = static_cast<std::size_t>(model.points());
   for (int iteration = 0; iteration < 30; ++iteration) {
     double ga = 0;
     double gb = 0;
@@ -180,7 +180,7 @@ void calibrate_hidden(const HeldOutOutputs& held_out, VisibilityModel& model) {
 }
 
 void calibrate_sigma(const HeldOutOutputs& held_out, VisibilityModel& model) {
-  const std::size_t n = static_cast<std::size_t>(model.points());
+  const auto n = static_cast<std::size_t>(model.points());
   std::vector<float> residuals;
   for (std::size_t i = 0; i < held_out.output.size(); ++i)
     for (std::size_t p = 0; p < n; ++p)

@@ -40,7 +40,7 @@ class FeatureGrid {
   // Calls `visit` with each feature within the radius, until it returns true. Returns whether it
   // did.
   template <typename Visit>
-  bool any(double x, double y, const Visit& visit) const {
+  [[nodiscard]] bool any(double x, double y, const Visit& visit) const {
     for (std::size_t r = row(y - radius_); r <= row(y + radius_); ++r) {
       const std::size_t end = first_[begin_of(r) + column(x + radius_) + 1];
       for (std::size_t k = first_[begin_of(r) + column(x - radius_)]; k < end; ++k) {

@@ -72,6 +72,7 @@ std::optional<CenterUncertainty> center_uncertainty(const Model& model,
   if (samples.empty()) return std::nullopt;
 
   std::vector<Eigen::Vector3d> centers;
+  centers.reserve(of_model.images.size());
   for (const int image : of_model.images) centers.push_back(model.images[at(image)].pose.center());
   const auto columns = geometry::columns_of(centers);
   const double extent = (columns.rowwise().maxCoeff() - columns.rowwise().minCoeff()).norm();

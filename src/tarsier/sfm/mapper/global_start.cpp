@@ -265,6 +265,7 @@ class GlobalMapping {
   // Selects the longest tracks, until each image has enough of them.
   void choose_tracks() {
     std::vector<int> features;
+    features.reserve(images_.size());
     for (const Image& image : images_) features.push_back(static_cast<int>(image.features.size()));
     std::vector<std::size_t> points(images_.size(), 0);
     for (std::vector<Observation>& track : make_tracks(pairs_, features)) {
@@ -346,6 +347,7 @@ class GlobalMapping {
     rough.reprojection_px = threshold_px;
     // Points removed here are considered again in the next round.
     std::vector<Eigen::Vector3d> positions;
+    positions.reserve(model.points.size());
     for (const Point& point : model.points) positions.push_back(point.position);
     (void)filter_selected_points(model, rough, all);
     for (std::size_t p = 0; p < positions.size(); ++p) model.points[p].position = positions[p];

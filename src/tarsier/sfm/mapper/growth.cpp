@@ -58,6 +58,7 @@ std::vector<int> candidates(const IncrementalMapper& mapper, const std::vector<b
   }
   std::sort(scored.begin(), scored.end());
   std::vector<int> images;
+  images.reserve(scored.size());
   for (const auto& [score, image] : scored) images.push_back(image);
   return images;
 }

@@ -83,6 +83,7 @@ class JoinedMapping {
     for (std::size_t i = 0; i < mapped_.reasons.size(); ++i)
       made_.outcomes[i].reason = mapped_.reasons[i];
     std::vector<Model> models;
+    models.reserve(mapped_.parts.size());
     for (const MappedPart& part : mapped_.parts) models.push_back(part.model);
     JoinOptions join_options;
     join_options.seed = options_.seed;

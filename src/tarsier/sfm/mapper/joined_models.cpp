@@ -129,6 +129,7 @@ class Builder {
     for (std::size_t i = 0; i < joined.images.size(); ++i)
       choose_image(members, root_from_models, static_cast<int>(i), joined);
     std::vector<const Model*> parts;
+    parts.reserve(members.size());
     for (const int member : members) parts.push_back(&models_[at(member)]);
     const bool differs = join_cameras(parts, joined);
     drop_contradicted_images(members, root_from_models, joined);
@@ -338,6 +339,7 @@ JoinedModels join_models(const std::vector<Model>& models, const std::vector<std
       continue;
     }
     std::vector<Sim3> root_from_models;
+    root_from_models.reserve(group.size());
     for (const int model : group)
       root_from_models.push_back(groups.root_from_model(model, group.front()));
     made.push_back(Builder(models, names, mapper, result).build(group, root_from_models, stop));

@@ -58,6 +58,7 @@ class Mapping {
     evidence_ = check_evidence(input_.cameras, input_.images, input_.pairs);
     if (input_.start) {
       std::vector<char> refused;
+      refused.reserve(evidence_.size());
       for (const PairEvidence& evidence : evidence_)
         refused.push_back(evidence.is_refused() ? 1 : 0);
       start_ = check_start(*input_.start, input_, refused, options_.reprojection_px, stop_);
@@ -138,6 +139,7 @@ class Mapping {
     for (std::size_t i = 0; i < input_.images.size(); ++i)
       ++sizes[components.root(static_cast<int>(i))];
     std::vector<std::pair<int, int>> order;
+    order.reserve(pairs_of.size());
     for (const auto& [root, all] : pairs_of) order.emplace_back(-sizes[root], root);
     std::sort(order.begin(), order.end());
     for (const auto& [size, root] : order) {
@@ -192,6 +194,7 @@ class Mapping {
 
   [[nodiscard]] std::vector<const Pair*> pairs_at(const std::vector<std::size_t>& indices) const {
     std::vector<const Pair*> pairs;
+    pairs.reserve(indices.size());
     for (const std::size_t k : indices) pairs.push_back(&input_.pairs[k]);
     return pairs;
   }

@@ -41,6 +41,7 @@ void MergedPoints::add(const Point& point, const Eigen::Vector3d& moved,
   for (const Observation& seen : track)
     if (const int owner = owner_of(seen); owner >= 0) ++views[owner];
   std::vector<std::pair<int, int>> order;
+  order.reserve(views.size());
   for (const auto& [owner, count] : views) order.emplace_back(-count, owner);
   std::sort(order.begin(), order.end());
   const auto weight = static_cast<double>(track.size());

@@ -174,13 +174,14 @@ class JoinEstimator {
     const std::size_t samples = std::min(images_.size(), kMaxRotations);
     for (std::size_t k = 0; k < samples; ++k) {
       const std::size_t image = at(images_[k * images_.size() / samples]);
-      rotations.push_back(first_.images[image].pose.rotation.transpose() *
-                          second_.images[image].pose.rotation);
+      rotations.emplace_back(first_.images[image].pose.rotation.transpose() *
+                             second_.images[image].pose.rotation);
     }
     const Eigen::Matrix3d* median_rotation = nullptr;
     double best = 0;
     for (const Eigen::Matrix3d& rotation : rotations) {
       std::vector<double> angles;
+      angles.reserve(rotations.size());
       for (const Eigen::Matrix3d& other : rotations)
         angles.push_back(geometry::angle_of(rotation.transpose() * other));
       const double median = median_of(std::move(angles));
@@ -201,6 +202,7 @@ class JoinEstimator {
     result.scale = std::exp(median_of(ratios));
     for (int k = 0; k < 3; ++k) {
       std::vector<double> offsets;
+      offsets.reserve(points_.size());
       for (const CommonPoint& point : points_)
         offsets.push_back(
             (first_of(point) - result.scale * (result.rotation * second_of(point)))[k]);
@@ -280,6 +282,7 @@ class JoinEstimator {
   void measure() {
     const Sim3& similarity = join_.first_from_second;
     std::vector<double> angles;
+    angles.reserve(images_.size());
     for (const int image : images_) angles.push_back(angle_between(image, similarity));
     join_.rotation_deg = median_of(std::move(angles));
     const Sim3 inverse = similarity.inverse();

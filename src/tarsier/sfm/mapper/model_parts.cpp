@@ -85,6 +85,7 @@ Model model_with_features(const std::vector<geometry::Camera>& cameras,
 
 std::vector<int> feature_counts(const Model& model) {
   std::vector<int> counts;
+  counts.reserve(model.images.size());
   for (const Image& image : model.images) counts.push_back(static_cast<int>(image.features.size()));
   return counts;
 }

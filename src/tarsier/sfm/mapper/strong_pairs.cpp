@@ -122,6 +122,7 @@ void lower_trust(const std::vector<Pair>& pairs, const std::vector<PatchRejectio
 
 double score_of(const Reconstruction& reconstruction) {
   std::vector<double> factors;
+  factors.reserve(reconstruction.shapes.size());
   for (const ModelShape& shape : reconstruction.shapes)
     factors.push_back(is_unreliable(shape) ? kUnreliableTrustFactor : 1);
   return score_of(reconstruction, factors);
