@@ -52,6 +52,14 @@ class FeatureGrid {
     }
     return false;
   }
+  // Calls `visit` with each feature within the radius.
+  template <typename Visit>
+  void for_each(double x, double y, const Visit& visit) const {
+    (void)any(x, y, [&](int feature) {
+      visit(feature);
+      return false;
+    });
+  }
   // Whether there is a feature within the radius.
   [[nodiscard]] bool has(double x, double y) const {
     return any(x, y, [](int /*feature*/) { return true; });

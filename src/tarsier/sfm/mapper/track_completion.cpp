@@ -146,12 +146,11 @@ int IncrementalMapper::extend_tracks(const std::stop_token& stop) {
       };
       features.clear();
       bool may_join = false;
-      grid.any(pixel.x, pixel.y, [&](int feature) {
+      grid.for_each(pixel.x, pixel.y, [&](int feature) {
         features.push_back(feature);
         const int other = track_of_[i][at(feature)];
         may_join = may_join || (other < 0 ? is_near(feature)
                                           : !failed.contains(track, other, size_of(track, other)));
-        return false;
       });
       if (!may_join) continue;
       for (const Observation& own : tracks_[at(track)]) last_track_of_image[at(own.image)] = track;
