@@ -200,11 +200,12 @@ function Live(props: PartProps & { session: ReturnType<typeof useAreaSession> })
   };
   const finish = async () => {
     if (session.id === undefined) return;
-    const output = file || (await api.sessionOf(session.id)).name;
+    // Of the server: what this page shows may be older than the last view.
+    const last = await api.sessionOf(session.id);
     await attempt(() => api.sendEvents(session.id!, [{ action: 'quit' }]));
     await new Promise((done) => setTimeout(done, 800));
     await session.end();
-    if (state.calibrated === true) setWritten(output);
+    if (last.state?.calibrated === true) setWritten(file || last.name);
   };
   if (session.id !== undefined) {
     return (
