@@ -2,6 +2,7 @@
 #include "tarsier/face/recognition/gallery_prior.h"
 
 #include "tarsier/core/rng.h"
+#include "tarsier/face/recognition/features.h"
 #include "tarsier/face/recognition/same_camera.h"
 #include "tarsier/face/recognition/subspace.h"
 
