@@ -45,7 +45,7 @@ std::vector<cv::Rect2d> detected_boxes(const std::vector<regression::TrainingFac
   return boxes;
 }
 
-// The mean shape in each box; empty if there is none.
+// The mean shape in each box; 2 x 0 for an empty box.
 std::vector<Eigen::Matrix2Xd> shapes_in_boxes(const LandmarkModel& model,
                                               const std::vector<cv::Rect2d>& boxes) {
   std::vector<Eigen::Matrix2Xd> shapes(boxes.size());

@@ -76,8 +76,8 @@ CalibrationPrior impostor_prior(const Recognizer& model, const Background& backg
   return prior;
 }
 
-Eigen::RowVectorXf mean_of(const Eigen::RowVectorXf& own, int people,
-                           const Background* background) {
+Eigen::RowVectorXf mean_with_background(const Eigen::RowVectorXf& own, int people,
+                                        const Background* background) {
   if (background == nullptr) return own;
   const double weight = people > 1 ? people : 0;
   const double share = weight / (weight + background->weight);

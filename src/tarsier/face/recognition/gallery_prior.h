@@ -10,8 +10,8 @@ namespace tarsier::face::recognition {
 
 // The mean that is subtracted from faces: of the gallery and the background (may be null), by their
 // weights. One person gives no information on the mean of people.
-[[nodiscard]] Eigen::RowVectorXf mean_of(const Eigen::RowVectorXf& own, int people,
-                                         const Background* background);
+[[nodiscard]] Eigen::RowVectorXf mean_with_background(const Eigen::RowVectorXf& own, int people,
+                                                      const Background* background);
 
 // Appends to the background's directions (orthonormal rows) those in which the gallery also differs
 // from the mean. `centred`: rows of the gallery minus the mean.

@@ -268,7 +268,7 @@ void Training::Impl::learn() {
           ? Eigen::RowVectorXf(rows_at(rows, upright).cast<double>().colwise().mean().cast<float>())
           : Eigen::RowVectorXf::Zero(rows.cols());
   if (background != nullptr) check_background(*background, rows.cols());
-  mean = mean_of(mean, training_people(), background);
+  mean = mean_with_background(mean, training_people(), background);
   has_background_basis = background != nullptr && background->basis.rows() > 0;
   validation.basis = basis_rows(training_faces.size(), copies);
   if (has_background_basis) {
@@ -303,7 +303,8 @@ void Training::Impl::learn_coordinates(Progress& progress) {
   // The mean of the gallery, projected on the directions.
   const Eigen::RowVectorXf own =
       coordinates.leftCols(m).cast<double>().colwise().mean().cast<float>();
-  model.mean = mean_of(background->mean + own * background->basis, training_people(), background);
+  model.mean = mean_with_background(background->mean + own * background->basis, training_people(),
+                                    background);
   const Rows shift = products(Rows(model.mean - background->mean), background->basis);
   validation.coefficients =
       (coordinates.leftCols(m).rowwise() - Eigen::RowVectorXf(shift.row(0))).cast<double>();

@@ -73,7 +73,8 @@ std::vector<Start> shaped_starts(const std::vector<TrainingFace>& faces, const S
       Rng rng = root.fork(f);
       for (const Eigen::Matrix2Xd& shape : shapes(faces[f], each, rng())) {
         TARSIER_REQUIRE(shape.cols() == faces[f].points.cols() && shape.allFinite(),
-                        "{}: a start that is none", faces[f].name);
+                        "{}: a start of {} points, expected {} finite ones", faces[f].name,
+                        shape.cols(), faces[f].points.cols());
         const Eigen::Vector2d center = shape.rowwise().mean();
         const double angle = rng.normal(0, kStartRotation / 4);
         const double scale = std::exp(rng.normal(0, kStartScale / 2));

@@ -125,7 +125,7 @@ std::vector<TrainingFace> with_extra_faces(const std::vector<TrainingFace>& face
       for (TrainingFace& face : extra(faces[f], rng())) {
         TARSIER_REQUIRE(face.points.cols() == faces[f].points.cols() && face.points.allFinite() &&
                             face.gray.type() == CV_8UC1 && !face.gray.empty(),
-                        "{}: an extra face is none", faces[f].name);
+                        "{}: an extra face has no grey image or other points", faces[f].name);
         face.turned = true;
         made[f].push_back(std::move(face));
         if (mirror.empty()) continue;
