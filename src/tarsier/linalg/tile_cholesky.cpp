@@ -23,9 +23,28 @@ namespace {
 // with fewer operations is used.
 constexpr std::array<std::size_t, 2> kHubDegreeFactors{4, 2};
 
+// min products for each thread that computes a column
+constexpr double kMinProductsPerThread = 200;
+
 using Eigen::Index;
 using Eigen::SparseMatrix;
 using Eigen::VectorXd;
+
+// A minimum-degree elimination order of variables that are linked by blocks.
+std::vector<int> minimum_degree_order(int variables,
+                                      const std::vector<BlockPattern::Block>& blocks) {
+  std::vector<Eigen::Triplet<double>> links;
+  links.reserve(2 * blocks.size());
+  for (const auto& [row, column] : blocks) {
+    links.emplace_back(row, column, 1.0);
+    links.emplace_back(column, row, 1.0);
+  }
+  SparseMatrix<double> graph(variables, variables);
+  graph.setFromTriplets(links.begin(), links.end());
+  Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> order;
+  Eigen::AMDOrdering<int>()(graph, order);
+  return {order.indices().begin(), order.indices().end()};
+}
 
 // For each variable: the others with which it shares a block.
 std::vector<std::vector<int>> neighbours_of(const BlockPattern& pattern) {
@@ -118,7 +137,10 @@ void TileCholesky::analyze(BlockPattern pattern) {
     try_order(narrow.variables, narrow.hubs);
     try_order(dissection_order(neighbours, narrow.variables), narrow.hubs);
   }
+  try_order(minimum_degree_order(pattern_.variables(), pattern_.blocks), {});
   if (!is_last) analyze_in_order(best);
+  list_products();
+  locate_blocks();
 }
 
 void TileCholesky::analyze_in_order(const std::vector<int>& variables) {
@@ -147,29 +169,22 @@ void TileCholesky::order_tiles(const std::vector<int>& variables) {
   std::vector<int> position(order.size());
   for (int k = 0; k < size; ++k) position[at(order[at(k)])] = k;
   const int tiles = (size + kTileSize - 1) / kTileSize;
-  std::vector<Eigen::Triplet<double>> linked;
+  std::vector<BlockPattern::Block> links;  // of tiles
   for (const auto& [row, column] : pattern_.blocks) {
     // The rows of a variable are consecutive.
     const int rows[] = {position[at(pattern_.first_of(row))] / kTileSize,
                         position[at(pattern_.first_of(row + 1) - 1)] / kTileSize};
     const int columns[] = {position[at(pattern_.first_of(column))] / kTileSize,
                            position[at(pattern_.first_of(column + 1) - 1)] / kTileSize};
-    for (int r = rows[0]; r <= rows[1]; ++r) {
-      for (int c = columns[0]; c <= columns[1]; ++c) {
-        linked.emplace_back(r, c, 1.0);
-        linked.emplace_back(c, r, 1.0);
-      }
-    }
+    for (int r = rows[0]; r <= rows[1]; ++r)
+      for (int c = columns[0]; c <= columns[1]; ++c) links.push_back({r, c});
   }
-  SparseMatrix<double> graph(tiles, tiles);
-  graph.setFromTriplets(linked.begin(), linked.end());
-  Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> elimination;
-  Eigen::AMDOrdering<int>()(graph, elimination);
+  const std::vector<int> elimination = minimum_degree_order(tiles, links);
   columns_.assign(at(tiles), {});
   padded_ = {};
   position_.assign(at(size), 0);
   for (int t = 0; t < tiles; ++t) {
-    const int first = elimination.indices()[t] * kTileSize;
+    const int first = elimination[at(t)] * kTileSize;
     for (int k = first; k < std::min(first + kTileSize, size); ++k)
       position_[at(order[at(k)])] = t * kTileSize + k - first;
     if (first + kTileSize > size) padded_ = {t, size - first};
@@ -196,6 +211,23 @@ void TileCholesky::factorize_symbolically(std::vector<std::vector<int>> below) {
   }
 }
 
+// Finds the tiles of earlier columns that contribute to each tile.
+void TileCholesky::list_products() {
+  products_.clear();
+  first_product_.assign(1, 0);
+  const auto list = [&](int row, int column) {
+    for (const int source : columns_[at(column)].from) {
+      const int left = tile_at(row, source);
+      if (left >= 0) products_.push_back({left, tile_at(column, source)});
+    }
+    first_product_.push_back(products_.size());
+  };
+  for (int column = 0; column < static_cast<int>(columns_.size()); ++column) {
+    list(column, column);
+    for (const int row : columns_[at(column)].below) list(row, column);
+  }
+}
+
 double TileCholesky::operations() const {
   double sum = 0;
   for (const Column& column : columns_) {
@@ -217,26 +249,43 @@ int TileCholesky::tile_at(int row, int column) const {
   return of.first + 1 + static_cast<int>(found - of.below.begin());
 }
 
+// Finds the tile of each block; -1 if it lies in several.
+void TileCholesky::locate_blocks() {
+  const auto tile_of = [&](int variable) {
+    const int first = position_[at(pattern_.first_of(variable))] / kTileSize;
+    const int last = position_[at(pattern_.first_of(variable + 1) - 1)] / kTileSize;
+    return first == last ? first : -1;
+  };
+  tile_of_block_.clear();
+  for (const auto& [row, column] : pattern_.blocks) {
+    const int one = tile_of(row);
+    const int other = tile_of(column);
+    tile_of_block_.push_back(
+        one < 0 || other < 0 ? -1 : tile_at(std::max(one, other), std::min(one, other)));
+  }
+}
+
 void TileCholesky::fill(const double* values) {
   tiles_.create(tile_count_, static_cast<int>(kTileElements), CV_64F);
   tiles_.setTo(0);
-  int last_row = -1;
-  int last_column = -1;
-  double* tile = nullptr;
-  for (const auto& [row, column] : pattern_.blocks) {
+  for (std::size_t b = 0; b < pattern_.blocks.size(); ++b) {
+    const auto& [row, column] = pattern_.blocks[b];
     const int rows = pattern_.size_of(row);
-    for (int c = pattern_.first_of(column); c < pattern_.first_of(column + 1);
-         ++c, values += rows) {
-      const int limit = row == column ? c - pattern_.first_of(column) + 1 : rows;
-      for (int k = 0; k < limit; ++k) {
-        const auto [first, second] =
-            std::minmax(position_[at(pattern_.first_of(row) + k)], position_[at(c)]);
-        if (first / kTileSize != last_column || second / kTileSize != last_row) {
-          last_column = first / kTileSize;
-          last_row = second / kTileSize;
-          tile = numbers(tile_at(last_row, last_column));
-        }
-        tile[in_tile(second % kTileSize, first % kTileSize)] = values[k];
+    const int first_row = position_[at(pattern_.first_of(row))];
+    const int first_column = position_[at(pattern_.first_of(column))];
+    double* const tile = tile_of_block_[b] < 0 ? nullptr : numbers(tile_of_block_[b]);
+    for (int c = 0; c < pattern_.size_of(column); ++c, values += rows) {
+      const int limit = row == column ? c + 1 : rows;
+      if (tile == nullptr) {
+        for (int r = 0; r < limit; ++r)
+          element(position_[at(pattern_.first_of(row) + r)],
+                  position_[at(pattern_.first_of(column) + c)]) = values[r];
+      } else if (first_row > first_column) {
+        for (int r = 0; r < limit; ++r)
+          tile[in_tile((first_row + r) % kTileSize, (first_column + c) % kTileSize)] = values[r];
+      } else {
+        for (int r = 0; r < limit; ++r)
+          tile[in_tile((first_column + c) % kTileSize, (first_row + r) % kTileSize)] = values[r];
       }
     }
   }
@@ -244,14 +293,17 @@ void TileCholesky::fill(const double* values) {
     numbers(columns_[at(padded_.tile)].first)[in_tile(k, k)] = 1;
 }
 
-// Subtracts the contributions of earlier columns from a tile.
-void TileCholesky::subtract_earlier_columns(int row, int column) {
+double& TileCholesky::element(int one, int other) {
+  const auto [column, row] = std::minmax(one, other);
+  return numbers(
+      tile_at(row / kTileSize, column / kTileSize))[in_tile(row % kTileSize, column % kTileSize)];
+}
+
+void TileCholesky::subtract_products(int tile) {
   const TileKernels& kernels = tile_kernels();
-  double* tile = numbers(tile_at(row, column));
-  for (const int source : columns_[at(column)].from) {
-    const int left = tile_at(row, source);
-    if (left >= 0) kernels.subtract_product(numbers(left), numbers(tile_at(column, source)), tile);
-  }
+  for (std::size_t k = first_product_[at(tile)]; k < first_product_[at(tile) + 1]; ++k)
+    kernels.subtract_product(numbers(products_[k].left), numbers(products_[k].right),
+                             numbers(tile));
 }
 
 bool TileCholesky::factorize_diagonal(double* tile) {
@@ -268,18 +320,22 @@ bool TileCholesky::factorize_diagonal(double* tile) {
 bool TileCholesky::factorize(const double* values) {
   fill(values);
   const TileKernels& kernels = tile_kernels();
-  for (int t = 0; t < static_cast<int>(columns_.size()); ++t) {
-    const Column& column = columns_[at(t)];
+  for (const Column& column : columns_) {
     double* diagonal = numbers(column.first);
-    subtract_earlier_columns(t, t);
+    subtract_products(column.first);
     if (!factorize_diagonal(diagonal)) return false;
-    cv::parallel_for_(cv::Range(0, static_cast<int>(column.below.size())),
-                      [&](const cv::Range& range) {
-                        for (int k = range.start; k < range.end; ++k) {
-                          subtract_earlier_columns(column.below[at(k)], t);
-                          kernels.solve_triangular(diagonal, numbers(column.first + 1 + k));
-                        }
-                      });
+    const int begin = column.first + 1;
+    const int end = begin + static_cast<int>(column.below.size());
+    const auto products = static_cast<double>(first_product_[at(end)] - first_product_[at(begin)]);
+    cv::parallel_for_(
+        cv::Range(begin, end),
+        [&](const cv::Range& range) {
+          for (int tile = range.start; tile < range.end; ++tile) {
+            subtract_products(tile);
+            kernels.solve_triangular(diagonal, numbers(tile));
+          }
+        },
+        std::max(1.0, products / kMinProductsPerThread));
   }
   return true;
 }

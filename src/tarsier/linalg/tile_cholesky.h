@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <opencv2/core/mat.hpp>
 
+#include <cstddef>
 #include <vector>
 
 namespace tarsier::linalg {
@@ -33,12 +34,12 @@ struct BlockPattern {
 
 // P A P^T = L L^T of a sparse symmetric positive definite matrix, n x n, with a rather dense factor
 // L: for example the equations of cameras that each share points with a hundred others.
-// The variables are ordered so that neighbours are close together: by reverse Cuthill-McKee
-// (Reducing the bandwidth of sparse symmetric matrices, 1969) or nested dissection, whichever fills
-// less. Variables tied to nearly all others come last. The order is cut into tiles of 48 rows.
-// Tiles are eliminated in a minimum-degree order (Amestoy, Davis and Duff 1996; Eigen's), by
-// products of dense matrices (Ng and Peyton, Block sparse Cholesky algorithms on advanced
-// uniprocessor computers, 1993). The result is the same for any number of threads and any
+// The variables are ordered by reverse Cuthill-McKee (Reducing the bandwidth of sparse symmetric
+// matrices, 1969), nested dissection or minimum degree (Amestoy, Davis and Duff 1996; Eigen's),
+// whichever fills least. In the first two, variables tied to nearly all others come last. The order
+// is cut into tiles of 24 rows. Tiles are eliminated in a minimum-degree order, by products of dense
+// matrices (Ng and Peyton, Block sparse Cholesky algorithms on advanced uniprocessor computers,
+// 1993). The result is the same for any number of threads and any
 // processor.
 class TileCholesky {
  public:
@@ -60,6 +61,11 @@ class TileCholesky {
     std::vector<int> from;   // earlier columns that update this one, ascending
     int first = 0;           // index in tiles_
   };
+  // A product left * right^T of tiles of an earlier column that is subtracted from a tile.
+  struct Product {
+    int left = 0;  // index in tiles_
+    int right = 0;
+  };
   // The tile that is not full, and its number of rows; the rest of its diagonal is 1.
   struct Padded {
     int tile = 0;
@@ -69,17 +75,24 @@ class TileCholesky {
   void analyze_in_order(const std::vector<int>& variables);
   void order_tiles(const std::vector<int>& variables);
   void factorize_symbolically(std::vector<std::vector<int>> below);
+  void list_products();
+  void locate_blocks();
   void fill(const double* values);
+  // An element of the lower triangle, at these positions in the elimination order.
+  [[nodiscard]] double& element(int one, int other);
   // Index in tiles_ of a tile of a column; -1 if it is empty.
   [[nodiscard]] int tile_at(int row, int column) const;
   [[nodiscard]] double* numbers(int tile) { return tiles_.ptr<double>(tile); }
   [[nodiscard]] const double* numbers(int tile) const { return tiles_.ptr<double>(tile); }
-  void subtract_earlier_columns(int row, int column);
+  void subtract_products(int tile);
   [[nodiscard]] static bool factorize_diagonal(double* tile);
 
   BlockPattern pattern_;
   std::vector<int> position_;  // position of each row in the elimination order
   std::vector<Column> columns_;
+  std::vector<Product> products_;           // tile by tile
+  std::vector<std::size_t> first_product_;  // of each tile; and their total number
+  std::vector<int> tile_of_block_;          // index in tiles_
   Padded padded_;
   int tile_count_ = 0;
   cv::Mat tiles_;  // one row per tile, in the layout of tile_kernels.h

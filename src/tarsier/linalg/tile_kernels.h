@@ -6,7 +6,7 @@
 // Internals of tile_cholesky.h: products of tiles, compiled for each instruction set.
 namespace tarsier::linalg {
 
-constexpr int kTileSize = 48;  // rows and columns: eight cameras
+constexpr int kTileSize = 24;  // rows and columns: four cameras
 constexpr int kStrip = 8;      // rows
 constexpr std::size_t kTileElements = std::size_t{kTileSize} * kTileSize;
 
