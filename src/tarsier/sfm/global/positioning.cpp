@@ -22,8 +22,11 @@ using Eigen::VectorXd;
 
 // in the start: lower limit of a residual, in units of the min depth
 constexpr double kMinResidualRatio = 1e-3;
+constexpr double kFirstDamping = 0.1;
 constexpr double kMinDamping = 1e-10;
 constexpr double kMaxDamping = 1e8;
+// Share of the diagonal that is added to it: the origin and the scale are undetermined.
+constexpr double kRegularization = 1e-9;
 // For a step solved by conjugate gradients, with an earlier factorisation as preconditioner.
 constexpr double kPreconditionedTolerance = 0.1;
 constexpr int kMaxPreconditionedIterations = 6;
@@ -40,7 +43,8 @@ class Positioning {
 
   std::optional<PositionedCameras> run() {
     if (!start()) return std::nullopt;
-    for (const double loss : {options_.loss, options_.last_loss}) minimise(loss);
+    minimise(options_.loss, options_.tolerance);
+    minimise(options_.last_loss, options_.last_tolerance);
     for (std::size_t p = 0; p < points(); ++p)
       for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k)
         result_.errors.push_back(perpendicular(k, result_.cameras, result_.points[p]).norm());
@@ -209,20 +213,18 @@ class Positioning {
     return moved;
   }
 
-  void minimise(double loss) {
+  void minimise(double loss, double tolerance) {
     linalg::SparseCholesky factor;
     factor.analyze(pattern_of(3));
     bool is_factorized = false;
-    double damping = 1e-3;
+    double damping = kFirstDamping;
     double growth = 2;
     double sum = cost(result_.cameras, result_.points, loss);
-    bool is_linearized = false;
     for (int iteration = 0; iteration < options_.max_iterations; ++iteration) {
       throw_if_stopped(stop_);
       ++result_.iterations;
-      if (!is_linearized) linearize(loss);
-      is_linearized = true;
-      const std::vector<double> numbers = reduce(damping);
+      linearize(loss, damping);
+      const std::vector<double> numbers = reduce();
       std::optional<VectorXd> solution;
       if (is_factorized && factor.is_costly())
         solution = factor.solve_near(numbers, right_, kPreconditionedTolerance,
@@ -237,7 +239,7 @@ class Positioning {
         const double candidate = cost(moved.cameras, moved.points, loss);
         is_better = std::isfinite(candidate) && candidate < sum;
         if (is_better) {
-          const bool is_done = sum - candidate <= options_.tolerance * sum;
+          const bool is_done = sum - candidate <= tolerance * sum;
           result_.cameras = std::move(moved.cameras);
           result_.points = std::move(moved.points);
           sum = candidate;
@@ -245,7 +247,6 @@ class Positioning {
         }
       }
       if (is_better) {
-        is_linearized = false;
         damping = std::max(kMinDamping, damping / 5);
         growth = 2;
       } else {
@@ -257,7 +258,11 @@ class Positioning {
   }
 
   // Each ray is a spring between its camera and its point, perpendicular to the line between them.
-  void linearize(double loss) {
+  // Along this line the cost has no curvature. `damping` adds it, as a share of that perpendicular
+  // to the line. So it limits changes of depth, which make steps fail, but not the common movements
+  // of neighbouring cameras and points by which a long chain bends. With a damping of 1, the step
+  // minimises an upper bound of the cost: that for the current d_ik.
+  void linearize(double loss, double damping) {
     ray_hessians_.assign(problem_.rays.size(), Matrix3d::Zero());
     point_hessians_.assign(points(), Matrix3d::Zero());
     point_gradients_.assign(points(), Vector3d::Zero());
@@ -273,7 +278,8 @@ class Positioning {
         const double d = along / squares;
         const Vector3d error = direction(k) - d * to;
         const double weight = std::min(1.0, loss / std::max(loss, error.norm()));
-        ray_hessians_[k] = weight * d * d * (Matrix3d::Identity() - to * to.transpose() / squares);
+        ray_hessians_[k] =
+            weight * d * d * (Matrix3d::Identity() - (1 - damping) / squares * to * to.transpose());
         point_hessians_[p] += ray_hessians_[k];
         camera_hessians_[at(i)] += ray_hessians_[k];
         const Vector3d descent = weight * d * error;
@@ -284,25 +290,23 @@ class Positioning {
   }
 
   // The cameras' equations after elimination of the points.
-  std::vector<double> reduce(double damping) {
+  std::vector<double> reduce() {
     std::vector<double> numbers(9 * rows_.size(), 0);
     right_ = camera_gradient_;
     const auto numbers_of = [&](std::size_t block) {
       return Eigen::Map<Matrix3d>(numbers.data() + 9 * block);
     };
-    const auto damped = [&](Matrix3d hessian) {
-      const double mean = hessian.trace() / 3;
-      hessian.diagonal() += damping * hessian.diagonal();
-      hessian.diagonal().array() += 1e-9 * mean + 1e-30;
+    const auto regularized = [](Matrix3d hessian) {
+      hessian.diagonal().array() += kRegularization * hessian.trace() / 3 + 1e-30;
       return hessian;
     };
     for (int i = 0; i < problem_.cameras; ++i)
-      numbers_of(diagonal(i)) = damped(camera_hessians_[at(i)]);
+      numbers_of(diagonal(i)) = regularized(camera_hessians_[at(i)]);
     inverses_.resize(points());
     const std::uint32_t* pair_block = pair_blocks_.data();
     for (std::size_t p = 0; p < points(); ++p) {
       const Matrix3d inverse = inverses_[p] =
-          damped(point_hessians_[p]).ldlt().solve(Matrix3d::Identity());
+          regularized(point_hessians_[p]).ldlt().solve(Matrix3d::Identity());
       const Vector3d descent = inverse * point_gradients_[p];
       for (std::size_t k = problem_.first[p]; k < problem_.first[p + 1]; ++k) {
         const int i = camera(k);

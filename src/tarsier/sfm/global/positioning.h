@@ -24,18 +24,20 @@ struct PositioningProblem {
 };
 
 struct PositioningOptions {
-  int start_iterations = 40;
+  int start_iterations = 15;
   int max_iterations = 60;  // for each of the two losses
   double loss = 0.1;        // sine of an angle: rays with larger errors get less weight
   double last_loss = 0.01;  // the same, in the final stage
-  double tolerance = 1e-5;  // stops when a step reduces the cost by less than this share
+  double tolerance = 1e-3;  // a stage stops when a step reduces the cost by less than this share
+  double last_tolerance = 1e-4;
 
   [[nodiscard]] OptionFields fields() {
     return {{"start_iterations", start_iterations, range(1, 1000)},
             {"max_iterations", max_iterations, range(0, 1000)},
             {"loss", loss, range(1e-6, 1)},
             {"last_loss", last_loss, range(1e-6, 1)},
-            {"tolerance", tolerance, range(1e-12, 0.1)}};
+            {"tolerance", tolerance, range(1e-12, 0.1)},
+            {"last_tolerance", last_tolerance, range(1e-12, 0.1)}};
   }
   void check() const { check_fields(*this); }
 };
@@ -56,13 +58,15 @@ struct PositionedCameras {
 //
 //   min sum |X_k - c_i - s_ik v_ik|,  s_ik >= 1,
 //
-// solved by iteratively reweighted least squares. Then Levenberg-Marquardt minimises the component
-// of each unit ray that is perpendicular to the direction of its point,
+// solved by iteratively reweighted least squares. Then damped Gauss-Newton steps minimise the
+// component of each unit ray that is perpendicular to the direction of its point,
 //
 //   sum rho(|v_ik - d_ik (X_k - c_i)|),  d_ik >= 0 the optimum for each ray,
 //
 // with Huber's loss (Zhuang, Cheong and Lee, Baseline desensitizing in translation averaging, CVPR
 // 2018; Pan, Barath, Pollefeys and Schonberger, Global structure-from-motion revisited, ECCV 2024).
+// The damping limits the changes of d_ik, not those of positions: a long chain of cameras can bend
+// in a few steps.
 // Points are eliminated; the cameras' equations are sparse. Uses one thread and no random numbers.
 //
 // Each point needs two or more rays. Empty where the equations have no solution. Throws
