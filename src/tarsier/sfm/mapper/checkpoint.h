@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/sfm/consistency/pair_rejection.h"
-#include "tarsier/sfm/mapper/model_join.h"
+#include "tarsier/sfm/mapper/join_models.h"
 #include "tarsier/sfm/mapper/packed_file.h"
 #include "tarsier/sfm/scene/model.h"
 

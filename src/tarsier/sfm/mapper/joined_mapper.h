@@ -13,7 +13,7 @@ namespace tarsier::sfm {
 // A separately mapped model of a part of the images.
 struct MappedPart {
   std::string name;  // for the log and the report
-  // With the images and cameras of all parts (model_join.h).
+  // With the images and cameras of all parts (join_models.h).
   Model model;
 };
 

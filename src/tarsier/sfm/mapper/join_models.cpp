@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/sfm/mapper/join_models.h"
+
 #include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
@@ -9,7 +11,6 @@
 #include "tarsier/sfm/mapper/merged_points.h"
 #include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/mapper/model_groups.h"
-#include "tarsier/sfm/mapper/model_join.h"
 #include "tarsier/sfm/mapper/model_parts.h"
 
 #include <fmt/format.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/model_join.h"
+#include "tarsier/sfm/mapper/join_models.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
