@@ -17,7 +17,7 @@ case $which in asan | tsan | all) ;; *) die "asan, tsan or all, not $which" ;; e
 # Unit tests of code that starts threads or is called by several, and the scripts that run the live parts.
 threaded='^(media/(live_source|http_stream|http_sink|atomic_file|sqlite)_test'
 threaded+='|core/core_test|cartoon/(cartoonize|kernels)_test|linalg/(nn|tile_cholesky)_test|render/render_test'
-threaded+='|sfm/(mapper/mapper|bundle/bundle_solver|features/(pairs|flow|matching)|pipelines/(pipeline|online))_test'
+threaded+='|sfm/(mapper/incremental_mapper|reconstruction/reconstruct|bundle/bundle_solver|features/(pairs|flow|matching)|pipelines/(pipeline|online))_test'
 threaded+='|face/regression/(trees|descent|patches)_test|face/landmarks/(train_model|adapt|hog_detector)_test'
 threaded+='|face/recognition/recognizer_test|face/head/train_head_test|face/appearance/model_test|face/shape/shape_model_test'
 threaded+='|plate/train/training_test|ui/(people|sfm|calibrate)_session_test'

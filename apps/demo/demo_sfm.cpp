@@ -2,6 +2,7 @@
 #include "tarsier/core/stop.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/mapper/evaluation.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/pipelines/reconstructor.h"
 #include "tarsier/sfm/view/render.h"
 #include "tarsier/sfm/view/viewer.h"

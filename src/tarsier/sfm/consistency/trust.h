@@ -18,7 +18,7 @@ namespace tarsier::sfm {
 // - The share of its points that three images or more show / 0.5.
 //
 // The mapper lowers it for remaining conflicts (model_conflicts.h). Where there are conflicts, it
-// evaluates by all pairs (all_pairs.h).
+// evaluates by all pairs (reconstruction/all_pairs.h).
 //
 // `refused`: for each pair, 1 or 0.
 [[nodiscard]] std::vector<double> trust_of(const Model& model, const std::vector<Pair>& pairs,

@@ -6,7 +6,8 @@
 #include "tarsier/sfm/bundle/bundle_problem.h"
 #include "tarsier/sfm/bundle/bundle_solver.h"
 #include "tarsier/sfm/bundle/point_selection.h"
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
+#include "tarsier/sfm/mapper/reconstruction.h"
 
 #include <algorithm>
 #include <cmath>

@@ -5,7 +5,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/geometry/sim3.h"
 #include "tarsier/sfm/bundle/bundle.h"
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/sfm/consistency/pair_rejection.h"
-#include "tarsier/sfm/mapper/join_models.h"
+#include "tarsier/sfm/mapper/model_join.h"
 #include "tarsier/sfm/mapper/packed_file.h"
 #include "tarsier/sfm/scene/model.h"
 
@@ -95,13 +95,13 @@ struct MapperState {
   int stage = 0;                          // 0: images are added; then the final steps
   int round = 0;                          // of the stage
   std::optional<GlobalStartState> start;  // during a global start
-  // Where images are mapped again from their strongest pairs (strong_pairs.h) after the above: the
-  // rejection of each pair by its patches, and each attempt up to now. An attempt has no attempts
-  // of its own.
+  // Where images are mapped again from their strongest pairs (reconstruction/strong_pairs.h) after
+  // the above: the rejection of each pair by its patches, and each attempt up to now. An attempt
+  // has no attempts of its own.
   std::vector<PatchRejection> patch_rejections;
   std::vector<MapperState> attempts;
-  // Of joined models (joined_mapper.h): their joins, and how many of `models` have grown to their
-  // end. `current` is the growing form of the next one.
+  // Of joined models (joining/joined_mapper.h): their joins, and how many of `models` have grown to
+  // their end. `current` is the growing form of the next one.
   std::vector<ModelJoin> joins;
   int grown = 0;
   // Number of images in all models.

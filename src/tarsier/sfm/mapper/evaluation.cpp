@@ -5,7 +5,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/media/archive.h"
 #include "tarsier/media/image_file.h"
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/colmap.h"
 

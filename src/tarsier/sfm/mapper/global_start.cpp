@@ -7,6 +7,7 @@
 #include "tarsier/sfm/global/positioning.h"
 #include "tarsier/sfm/global/rotation_averaging.h"
 #include "tarsier/sfm/global/view_graph.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 
 #include <fmt/format.h>
 

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/sfm/mapper/checkpoint.h"
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
 #include "tarsier/sfm/scene/model.h"
 #include "tarsier/sfm/two_view/tracks.h"
 

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-// Internal to the mapper: the steps of a model's growth, from its first images to the end.
+// Internal to the mappers: the steps of a model's growth, from its first images to the end.
 namespace tarsier::sfm {
 
 // The state of a model's growth, besides the model itself.

@@ -9,6 +9,7 @@
 #include "tarsier/sfm/bundle/bundle_residual.h"
 #include "tarsier/sfm/bundle/point_selection.h"
 #include "tarsier/sfm/mapper/absolute_pose.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 
 #include <fmt/format.h>
 #include <opencv2/core/utility.hpp>

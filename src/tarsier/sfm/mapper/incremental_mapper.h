@@ -3,7 +3,7 @@
 
 #include "tarsier/sfm/bundle/bundle.h"
 #include "tarsier/sfm/mapper/checkpoint.h"
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
 #include "tarsier/sfm/two_view/tracks.h"
 #include "tarsier/sfm/two_view/triangulation.h"
 
@@ -20,7 +20,7 @@
 
 namespace tarsier::sfm {
 
-// Internal to the mapper: one growing model. A point has the index of its track; without
+// Internal to the mappers: one growing model. A point has the index of its track; without
 // observations it does not exist yet.
 class IncrementalMapper {
  public:

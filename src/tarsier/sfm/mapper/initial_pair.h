@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
 #include "tarsier/sfm/two_view/tracks.h"
 
 #include <cstddef>

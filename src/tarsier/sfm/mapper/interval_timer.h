@@ -3,7 +3,7 @@
 
 #include <chrono>
 
-// Internal to the mapper.
+// Internal to the mappers.
 namespace tarsier::sfm {
 
 // When to repeat work that should take less than a twentieth of the time, such as writing a

@@ -13,6 +13,7 @@
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/initial_pair.h"
 #include "tarsier/sfm/mapper/interval_timer.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/mapper/model_parts.h"
 #include "tarsier/sfm/mapper/outcomes.h"
 #include "tarsier/sfm/mapper/remaining_images.h"

@@ -4,6 +4,7 @@
 #include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
 
 #include <opencv2/core/utility.hpp>
 

@@ -4,6 +4,7 @@
 #include "tarsier/sfm/consistency/trust.h"
 #include "tarsier/sfm/mapper/initial_pair.h"
 #include "tarsier/sfm/mapper/missing_places.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 
 #include <fmt/format.h>
 

@@ -4,14 +4,16 @@
 #include "tarsier/sfm/consistency/model_conflicts.h"
 #include "tarsier/sfm/consistency/pair_rejection.h"
 #include "tarsier/sfm/consistency/repeated_structure.h"
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_input.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
+#include "tarsier/sfm/mapper/reconstruction.h"
 
 #include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
 
-// Internal to the mapper: the results for models, images and pairs, once the models are made.
+// Internal to the mappers: the results for models, images and pairs, once the models are made.
 namespace tarsier::sfm {
 
 // Start of the log line with the reason why global mapping failed.

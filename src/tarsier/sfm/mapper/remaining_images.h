@@ -3,7 +3,7 @@
 
 #include "tarsier/sfm/consistency/pair_rejection.h"
 #include "tarsier/sfm/global/view_graph.h"
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_input.h"
 
 #include <cstddef>
 #include <map>

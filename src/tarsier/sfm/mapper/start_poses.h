@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_input.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
 
 #include <cstddef>
 #include <stop_token>

@@ -2,6 +2,7 @@
 #include "tarsier/sfm/mapper/start_poses.h"
 
 #include "tarsier/core/rng.h"
+#include "tarsier/sfm/mapper/mapping.h"
 #include "tarsier/sfm/mapper/testing_centers.h"
 #include "tarsier/synth/sfm_scene.h"
 
@@ -76,7 +77,7 @@ class StartPosesTest : public testing::Test {
   [[nodiscard]] Reconstruction run(const StartPoses& start, const MapperOptions& options = {},
                                    const MapperHooks& hooks = {}) const {
     NoProgress progress;
-    return reconstruct(input(start), options, progress, {}, hooks);
+    return map_images(input(start), options, progress, {}, hooks).reconstruction;
   }
 
   [[nodiscard]] StartCheck check(const StartPoses& start) const {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/reconstruction.h"
 
 #include <gtest/gtest.h>
 

@@ -5,8 +5,8 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
-#include "tarsier/sfm/mapper/join_models.h"
-#include "tarsier/sfm/mapper/joined_mapper.h"
+#include "tarsier/sfm/joining/join_models.h"
+#include "tarsier/sfm/joining/joined_mapper.h"
 #include "tarsier/sfm/pipelines/image_features.h"
 #include "tarsier/sfm/scene/colmap.h"
 

@@ -12,7 +12,7 @@ namespace tarsier::sfm {
 
 // Joins the models in `folders` (COLMAP's text or binary files; read_colmap()). Models can be
 // joined where they share images of the same names with the same features
-// (sfm/mapper/join_models.h). Writes what Reconstructor writes: the joined model, the remaining
+// (sfm/joining/join_models.h). Writes what Reconstructor writes: the joined model, the remaining
 // models as further ones, and a report.json that says what was joined and why other models were
 // not. The image files are not needed.
 //

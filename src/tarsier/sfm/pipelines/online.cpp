@@ -3,7 +3,10 @@
 
 #include "tarsier/core/at.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/sfm/mapper/extend_model.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/pipelines/image_features.h"
+#include "tarsier/sfm/reconstruction/reconstruct.h"
 
 #include <opencv2/core/utility.hpp>
 

@@ -29,7 +29,7 @@ struct OnlineOptions {
 // A new image is compared with the `overlap` previous ones, with those 8, 16, .. before, and with
 // `neighbours` that share most points with the last registered image. So a camera that returns to a
 // place matches its earlier images. Growing keeps poses, triangulates points again from all pairs,
-// adds the images that see most (mapper.h) and adjusts the whole whenever it has grown by a
+// adds the images that see most (extend_model.h) and adjusts the whole whenever it has grown by a
 // quarter. Where nearly half of the images cannot be registered, mapping is tried again from
 // another initial pair.
 class OnlineMapper {

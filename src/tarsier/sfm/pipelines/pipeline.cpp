@@ -9,13 +9,15 @@
 #include "tarsier/media/gray_image.h"
 #include "tarsier/sfm/features/mapped_store.h"
 #include "tarsier/sfm/mapper/center_uncertainty.h"
-#include "tarsier/sfm/mapper/strong_pairs.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/pipelines/cache.h"
 #include "tarsier/sfm/pipelines/image_features.h"
 #include "tarsier/sfm/pipelines/mapper_key.h"
 #include "tarsier/sfm/pipelines/matched_input.h"
 #include "tarsier/sfm/pipelines/start_model.h"
 #include "tarsier/sfm/pipelines/upright_model.h"
+#include "tarsier/sfm/reconstruction/reconstruct.h"
+#include "tarsier/sfm/reconstruction/strong_pairs.h"
 #include "tarsier/sfm/scene/sensor_image.h"
 
 #include <fmt/format.h>

@@ -5,7 +5,10 @@
 #include "tarsier/core/progress.h"
 #include "tarsier/sfm/features/features.h"
 #include "tarsier/sfm/features/matching.h"
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_hooks.h"
+#include "tarsier/sfm/mapper/mapper_input.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
+#include "tarsier/sfm/mapper/reconstruction.h"
 #include "tarsier/sfm/two_view/two_view.h"
 
 #include <functional>

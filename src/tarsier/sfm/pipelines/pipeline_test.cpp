@@ -6,6 +6,7 @@
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/testing_folder.h"
 #include "tarsier/sfm/mapper/evaluation.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/pipelines/report.h"
 #include "tarsier/sfm/scene/sensor_image.h"
 #include "tarsier/sfm/scene/testing_exif.h"

@@ -8,6 +8,7 @@
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/sfm/features/pairs.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/pipelines/colmap_database.h"
 #include "tarsier/sfm/pipelines/image_features.h"
 #include "tarsier/sfm/pipelines/inputs.h"

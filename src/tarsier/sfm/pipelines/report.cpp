@@ -2,6 +2,7 @@
 #include "tarsier/sfm/pipelines/report.h"
 
 #include "tarsier/core/rounding.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/pipelines/start_model.h"
 
 #include <fmt/format.h>

@@ -3,7 +3,7 @@
 
 #include "tarsier/core/progress.h"
 #include "tarsier/sfm/global/view_graph_clusters.h"
-#include "tarsier/sfm/mapper/joined_mapper.h"
+#include "tarsier/sfm/joining/joined_mapper.h"
 #include "tarsier/sfm/pipelines/reconstructor.h"
 #include "tarsier/sfm/pipelines/shard_folder.h"
 
@@ -30,7 +30,7 @@ namespace tarsier::sfm {
 //
 // A plan with a cluster size can be mapped by clusters instead (sfm/global/view_graph_clusters.h).
 // Each cluster is mapped by its own run, in the memory of one cluster. merge() joins their models
-// into one (sfm/mapper/joined_mapper.h). That model is similar to the one of map(), but not
+// into one (sfm/joining/joined_mapper.h). That model is similar to the one of map(), but not
 // identical.
 //
 //   for (int k = 1; k <= sharded.plan().clusters(); ++k) sharded.map_cluster(k, result, progress, {});

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_input.h"
 #include "tarsier/sfm/pipelines/image_features.h"
 #include "tarsier/sfm/scene/model.h"
 #include "tarsier/sfm/two_view/tracks.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/strong_pairs.h"
+#include "tarsier/sfm/reconstruction/strong_pairs.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/sfm/consistency/testing_row.h"

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tarsier/geometry/sim3.h"
-#include "tarsier/sfm/mapper/join_models.h"
+#include "tarsier/sfm/mapper/model_join.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <Eigen/Core>

@@ -2,7 +2,8 @@
 #pragma once
 
 #include "tarsier/sfm/consistency/pair_rejection.h"
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/reconstruction.h"
+#include "tarsier/sfm/two_view/tracks.h"
 
 #include <cstddef>
 #include <functional>

@@ -3,6 +3,8 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/sim3.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
+#include "tarsier/sfm/mapper/model_join.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <cstdint>
@@ -16,8 +18,6 @@
 // All models of a list have the same images and cameras, and each registers its own images
 // (with_same_images()). An image has the same features in all models that register it.
 namespace tarsier::sfm {
-
-struct MapperOptions;
 
 struct JoinOptions {
   int min_images = 3;                // min images registered in both whose poses agree
@@ -48,20 +48,6 @@ struct JoinOptions {
 
 // Whether two images have the same features at the same positions, within 0.01 px.
 [[nodiscard]] bool has_same_features(const Image& a, const Image& b);
-
-// The relation of two models.
-struct ModelJoin {
-  int first = 0;  // indices of the models
-  int second = 0;
-  int images = 0;    // common images
-  int agreeing = 0;  // of these, with the same pose in both
-  int points = 0;    // common points
-  int inliers = 0;
-  double rotation_deg = 0;  // median angle between the two poses of a common image
-  double scale_error = 0;   // relative standard error of the scale
-  geometry::Sim3 first_from_second;
-  std::string refusal;  // why they are not joined; "" where they are
-};
 
 // Estimates the similarity S, first_from_second, on which two models agree.
 //

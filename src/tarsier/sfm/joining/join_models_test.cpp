@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/join_models.h"
+#include "tarsier/sfm/joining/join_models.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/core/rng.h"
 #include "tarsier/sfm/bundle/bundle.h"
-#include "tarsier/sfm/mapper/joined_mapper.h"
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/joining/joined_mapper.h"
 #include "tarsier/sfm/mapper/testing_centers.h"
 #include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/colmap_binary.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/at.h"
 #include "tarsier/sfm/global/view_graph.h"
-#include "tarsier/sfm/mapper/join_models.h"
+#include "tarsier/sfm/joining/join_models.h"
 
 #include <cstddef>
 #include <map>

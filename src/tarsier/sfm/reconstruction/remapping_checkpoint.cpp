@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/remapping_checkpoint.h"
+#include "tarsier/sfm/reconstruction/remapping_checkpoint.h"
 
 #include <algorithm>
 #include <utility>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/mapper.h"
-#include "tarsier/sfm/mapper/strong_pairs.h"
+#include "tarsier/sfm/mapper/reconstruction.h"
+#include "tarsier/sfm/reconstruction/strong_pairs.h"
 #include "tarsier/sfm/two_view/tracks.h"
 
 #include <vector>

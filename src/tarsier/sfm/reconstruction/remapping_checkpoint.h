@@ -2,7 +2,8 @@
 #pragma once
 
 #include "tarsier/sfm/mapper/checkpoint.h"
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_hooks.h"
+#include "tarsier/sfm/mapper/mapper_input.h"
 
 #include <cstddef>
 #include <vector>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/joint_correction.h"
+#include "tarsier/sfm/reconstruction/joint_correction.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/sfm/consistency/testing_row.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/all_pairs.h"
+#include "tarsier/sfm/reconstruction/all_pairs.h"
 
 #include "tarsier/core/errors.h"
 #include "tarsier/sfm/consistency/model_conflicts.h"

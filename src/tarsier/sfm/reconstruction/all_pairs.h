@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_input.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
+#include "tarsier/sfm/mapper/reconstruction.h"
 #include "tarsier/sfm/scene/model.h"
 
 #include <stop_token>

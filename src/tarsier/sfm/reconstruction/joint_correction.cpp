@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/joint_correction.h"
+#include "tarsier/sfm/reconstruction/joint_correction.h"
 
 #include "tarsier/core/at.h"
 #include "tarsier/sfm/consistency/contradicted_joint.h"
@@ -19,7 +19,7 @@ namespace tarsier::sfm {
 namespace {
 
 constexpr int kMaxAttempts = 4;
-constexpr double kEqualScoreRatio = 0.98;
+constexpr double kReplacedScoreRatio = 0.98;
 constexpr double kHigherScoreRatio = 1.1;
 constexpr double kMinJointStrength = 1;
 
@@ -139,7 +139,7 @@ bool replace_contradicted_joint(const std::vector<Pair>& pairs, const MapPairs& 
       attempt.models.size() <= made.models.size() && agrees_with_any(attempt.models, strongest);
   const bool is_better =
       after < before &&
-      score_after >= (is_replaced ? kEqualScoreRatio : kHigherScoreRatio) * score_before;
+      score_after >= (is_replaced ? kReplacedScoreRatio : kHigherScoreRatio) * score_before;
   made.log.push_back(fmt::format(
       "{} and {} (strength {:.2f}) contradict the place of {} images (strength {:.2f}): with the "
       "stronger pairs there are {} models, score {:.1f} instead of {:.1f}, excess {:.2f} instead "

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
+#include "tarsier/sfm/joining/join_models.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
-#include "tarsier/sfm/mapper/join_models.h"
 #include "tarsier/sfm/scene/align.h"
 
 #include <Eigen/Core>

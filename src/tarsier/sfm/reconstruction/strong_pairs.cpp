@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/strong_pairs.h"
+#include "tarsier/sfm/reconstruction/strong_pairs.h"
 
 #include "tarsier/core/at.h"
 #include "tarsier/sfm/consistency/joined_parts.h"
 #include "tarsier/sfm/consistency/pair_agreement.h"
 #include "tarsier/sfm/consistency/trust.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 
 #include <fmt/format.h>
 

@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/joined_mapper.h"
+#include "tarsier/sfm/joining/joined_mapper.h"
 
 #include "tarsier/core/at.h"
 #include "tarsier/core/errors.h"
 #include "tarsier/core/require.h"
+#include "tarsier/sfm/consistency/repeated_structure.h"
+#include "tarsier/sfm/joining/join_models.h"
 #include "tarsier/sfm/mapper/growth.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
 #include "tarsier/sfm/mapper/interval_timer.h"
+#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/mapper/model_parts.h"
 #include "tarsier/sfm/mapper/outcomes.h"
+#include "tarsier/sfm/two_view/tracks.h"
 
 #include <fmt/format.h>
 

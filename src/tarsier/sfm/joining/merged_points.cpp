@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/merged_points.h"
+#include "tarsier/sfm/joining/merged_points.h"
 
 #include "tarsier/core/at.h"
 

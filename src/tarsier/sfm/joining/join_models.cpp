@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/join_models.h"
+#include "tarsier/sfm/joining/join_models.h"
 
 #include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/sfm/bundle/bundle.h"
+#include "tarsier/sfm/joining/merged_points.h"
+#include "tarsier/sfm/joining/model_groups.h"
 #include "tarsier/sfm/mapper/incremental_mapper.h"
-#include "tarsier/sfm/mapper/mapper.h"
-#include "tarsier/sfm/mapper/merged_points.h"
 #include "tarsier/sfm/mapper/model_filter.h"
-#include "tarsier/sfm/mapper/model_groups.h"
 #include "tarsier/sfm/mapper/model_parts.h"
 
 #include <fmt/format.h>

@@ -1,30 +1,24 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/reconstruction/reconstruct.h"
 
 #include "tarsier/core/errors.h"
-#include "tarsier/core/require.h"
 #include "tarsier/sfm/consistency/patch_evidence.h"
-#include "tarsier/sfm/mapper/all_pairs.h"
 #include "tarsier/sfm/mapper/contradicted_images.h"
-#include "tarsier/sfm/mapper/growth.h"
-#include "tarsier/sfm/mapper/incremental_mapper.h"
-#include "tarsier/sfm/mapper/joint_correction.h"
 #include "tarsier/sfm/mapper/mapping.h"
-#include "tarsier/sfm/mapper/remapping_checkpoint.h"
-#include "tarsier/sfm/mapper/strong_pairs.h"
+#include "tarsier/sfm/reconstruction/all_pairs.h"
+#include "tarsier/sfm/reconstruction/joint_correction.h"
+#include "tarsier/sfm/reconstruction/remapping_checkpoint.h"
+#include "tarsier/sfm/reconstruction/strong_pairs.h"
 
 #include <fmt/format.h>
-#include <opencv2/core/utility.hpp>
 
+#include <cstddef>
 #include <optional>
 #include <utility>
+#include <vector>
 
 namespace tarsier::sfm {
 namespace {
-
-// Options of adjustments in extend_model().
-constexpr IncrementalMapper::RefineOptions kRoughRefinement{.tolerance = 1e-3};
-constexpr int kMaxSmallModelImages = 10;  // images of a model that is cheap to adjust as a whole
 
 // The rejections by pixels, where pixels are available.
 std::vector<PatchRejection> rejections_by_pixels(const MapperInput& input, Progress& progress,
@@ -113,38 +107,6 @@ Reconstruction reconstruct(const MapperInput& input, const MapperOptions& option
   }
   remove_contradicted_images(input.pairs, better);
   return with_shape_trust(std::move(better));
-}
-
-ExtendedModel extend_model(const Model& before, const MapperInput& input,
-                           const MapperOptions& options, const ExtendOptions& extend,
-                           const std::stop_token& stop) {
-  options.check();
-  const std::vector<Image>& images = input.images;
-  TARSIER_REQUIRE(
-      before.images.size() <= images.size() && before.cameras.size() <= input.cameras.size(),
-      "{} images, but the model before has {}", images.size(), before.images.size());
-  Model all;
-  all.images = images;
-  all.cameras = input.cameras;
-  std::vector<int> features;
-  features.reserve(images.size());
-  for (const Image& image : images) features.push_back(static_cast<int>(image.features.size()));
-  IncrementalMapper mapper(std::move(all), make_tracks(input.pairs, features), input.descriptors,
-                           input.kind, options);
-  mapper.resume(before);
-  const std::vector<bool> used(images.size(), false);
-  ExtendedModel result;
-  Growth growth;
-  growth.adjusted_at = extend.adjusted_at;
-  add_images(mapper, used, mapper.registered() < kMaxSmallModelImages, growth, {}, stop);
-  if (extend.adjust_all) {
-    mapper.refine_all(2, kRoughRefinement, stop);
-    if (mapper.extend_tracks(stop) > 0) mapper.refine_all(1, kRoughRefinement, stop);
-    growth.adjusted_at = mapper.registered();
-  }
-  result.adjusted_at = growth.adjusted_at;
-  result.model = mapper.finished(input.colors);
-  return result;
 }
 
 }  // namespace tarsier::sfm

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tarsier/sfm/mapper/model_groups.h"
+#include "tarsier/sfm/joining/model_groups.h"
 
 #include "tarsier/core/angles.h"
 #include "tarsier/core/at.h"

@@ -2,7 +2,10 @@
 #pragma once
 
 #include "tarsier/core/progress.h"
-#include "tarsier/sfm/mapper/mapper.h"
+#include "tarsier/sfm/mapper/mapper_hooks.h"
+#include "tarsier/sfm/mapper/mapper_input.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
+#include "tarsier/sfm/mapper/reconstruction.h"
 
 #include <stop_token>
 #include <string>
@@ -31,7 +34,7 @@ struct MappedParts {
 // joined and why others were not. Deterministic for any number of threads.
 //
 // Of `hooks`, checkpoints are used. Where the input has pairs, there is one after the parts are
-// joined, then as in reconstruct(). Throws std::invalid_argument for parts whose images differ from
+// joined, then as in map_images(). Throws std::invalid_argument for parts whose images differ from
 // the input's, Interrupted.
 [[nodiscard]] Reconstruction map_joined(const MapperInput& input, const MapperOptions& options,
                                         const MappedParts& mapped, Progress& progress,
