@@ -33,8 +33,9 @@ constexpr double kMinCurvature = 0.05;
 constexpr double kHighGain = 1.4;  // share of the predicted gain
 // share of the predicted gain; below, the second order is used
 constexpr double kMaxSecondOrderGain = 0.9;
-constexpr double kFirstDamping = 1e-4;  // share of the diagonal
-constexpr double kMinDamping = 1e-12;
+constexpr double kFirstDamping = 1e-4;   // share of the diagonal
+constexpr double kMinDamping = 1e-14;    // a loop of 10 000 images bends only with less than 1e-12
+constexpr double kNoiseDamping = 1e-12;  // for the steps caused by noise
 constexpr double kMaxDamping = 1e12;
 constexpr int kChainPoses = 80;  // with more poses, a model may be a long chain that bends
 // For such models. Bending a long chain changes each residual only little, so that damping prevents
@@ -162,7 +163,7 @@ class Solver {
       BundleStep step;
       if (sample == 0) {
         double predicted_gain = 0;
-        if (!solve_step(kMinDamping, step, predicted_gain)) break;
+        if (!solve_step(kNoiseDamping, step, predicted_gain)) break;
       } else {
         step.variables = -equations_.gradient;
         for (const std::size_t p : variables_.order)
