@@ -8,7 +8,6 @@
 #include "tarsier/sfm/consistency/repeated_structure.h"
 #include "tarsier/sfm/consistency/trust.h"
 #include "tarsier/sfm/mapper/mapping.h"
-#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/mapper/outcomes.h"
 #include "tarsier/sfm/mapper/testing_centers.h"
 #include "tarsier/sfm/mapper/testing_reconstruction.h"
@@ -32,6 +31,10 @@ namespace {
 
 using test_support::expect_same;
 using test_support::given;
+using test_support::input_of;
+using test_support::options_of;
+using test_support::registered;
+using test_support::states_of;
 using test_support::TestSite;
 
 using testing::HasSubstr;
@@ -39,22 +42,8 @@ using testing::HasSubstr;
 Reconstruction run(const TestSite& given, MapperChoice choice, int auto_global = 250,
                    const MapperHooks& hooks = {}, Progress&& progress = NoProgress(),
                    const std::stop_token& stop = {}) {
-  MapperOptions options;
-  options.choice = choice;
-  options.auto_global = auto_global;
-  const std::vector<cv::Mat> no_descriptors;
-  return map_images({.cameras = given.cameras,
-                     .images = given.images,
-                     .colors = given.colors,
-                     .descriptors = no_descriptors,
-                     .kind = FeatureKind::kSift,
-                     .pairs = given.pairs},
-                    options, progress, stop, hooks)
+  return map_images(input_of(given), options_of(choice, auto_global), progress, stop, hooks)
       .reconstruction;
-}
-
-int registered(const Reconstruction& built) {
-  return built.models.empty() ? 0 : statistics_of(built.models[0]).registered;
 }
 
 // Two rings without pairs between them, and a few pairs that contradict the others.
@@ -79,21 +68,12 @@ TestSite two_rings() {
   return result;
 }
 
-// Runs the mapper with a checkpoint at every step, and returns the checkpoints.
-std::vector<MapperState> states_of(const TestSite& given, MapperChoice choice,
-                                   Reconstruction& built) {
-  std::vector<MapperState> states;
-  MapperHooks hooks;
-  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
-  hooks.save_interval_s = 0;
-  built = run(given, choice, 250, hooks);
-  return states;
-}
-
 TEST(GlobalCheckpoints, ResumingFromAnyStepGivesSameResult) {
   const TestSite site = two_rings();
   Reconstruction whole;
-  const std::vector<MapperState> states = states_of(site, MapperChoice::kGlobal, whole);
+  const std::vector<MapperState> states = states_of(
+      [&](const MapperHooks& hooks) { return run(site, MapperChoice::kGlobal, 250, hooks); },
+      whole);
   ASSERT_EQ(whole.models.size(), 2U);
   std::set<std::tuple<std::size_t, int, int>> seen;  // number of finished models, step, round
   for (const MapperState& state : states) {
@@ -126,7 +106,9 @@ TEST(GlobalCheckpoints, ResumingFromAnyStepGivesSameResult) {
 TEST(GlobalCheckpoints, IgnoresThoseOfOtherPairs) {
   const TestSite site = given(synth::SiteKind::kRing, 30);
   Reconstruction whole;
-  std::vector<MapperState> states = states_of(site, MapperChoice::kGlobal, whole);
+  std::vector<MapperState> states = states_of(
+      [&](const MapperHooks& hooks) { return run(site, MapperChoice::kGlobal, 250, hooks); },
+      whole);
   const auto adjusted = std::find_if(states.begin(), states.end(), [](const MapperState& state) {
     return state.start && state.start->step == GlobalStartState::kAdjustment;
   });

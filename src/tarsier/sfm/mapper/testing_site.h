@@ -2,6 +2,11 @@
 #pragma once
 
 #include "tarsier/geometry/camera.h"
+#include "tarsier/sfm/mapper/mapper_hooks.h"
+#include "tarsier/sfm/mapper/mapper_input.h"
+#include "tarsier/sfm/mapper/mapper_options.h"
+#include "tarsier/sfm/mapper/model_filter.h"
+#include "tarsier/sfm/mapper/reconstruction.h"
 #include "tarsier/sfm/scene/model.h"
 #include "tarsier/sfm/two_view/tracks.h"
 #include "tarsier/synth/observed_site.h"
@@ -20,8 +25,40 @@ struct TestSite {
   std::vector<geometry::Camera> cameras;
   std::vector<Image> images;
   std::vector<std::vector<cv::Vec3b>> colors;
+  std::vector<cv::Mat> descriptors;  // none
   std::vector<Pair> pairs;
 };
+
+inline MapperInput input_of(const TestSite& given) {
+  return {.cameras = given.cameras,
+          .images = given.images,
+          .colors = given.colors,
+          .descriptors = given.descriptors,
+          .pairs = given.pairs};
+}
+
+inline MapperOptions options_of(MapperChoice choice, int auto_global) {
+  MapperOptions options;
+  options.choice = choice;
+  options.auto_global = auto_global;
+  return options;
+}
+
+// Registered images of the largest model.
+inline int registered(const Reconstruction& built) {
+  return built.models.empty() ? 0 : statistics_of(built.models[0]).registered;
+}
+
+// Calls run(hooks) with a checkpoint at every step, and returns the checkpoints.
+template <typename Run>
+std::vector<MapperState> states_of(const Run& run, Reconstruction& built) {
+  std::vector<MapperState> states;
+  MapperHooks hooks;
+  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
+  hooks.save_interval_s = 0;
+  built = run(hooks);
+  return states;
+}
 
 inline TestSite given(const synth::SiteOptions& options) {
   TestSite result;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/progress.h"
 #include "tarsier/core/testing_long.h"
-#include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/mapper/testing_centers.h"
 #include "tarsier/sfm/mapper/testing_reconstruction.h"
 #include "tarsier/sfm/mapper/testing_site.h"
@@ -23,6 +22,10 @@ namespace {
 
 using test_support::expect_same;
 using test_support::given;
+using test_support::input_of;
+using test_support::options_of;
+using test_support::registered;
+using test_support::states_of;
 using test_support::TestSite;
 
 using testing::HasSubstr;
@@ -30,32 +33,7 @@ using testing::HasSubstr;
 Reconstruction run(const TestSite& given, MapperChoice choice, int auto_global = 250,
                    const MapperHooks& hooks = {}, Progress&& progress = NoProgress(),
                    const std::stop_token& stop = {}) {
-  MapperOptions options;
-  options.choice = choice;
-  options.auto_global = auto_global;
-  const std::vector<cv::Mat> no_descriptors;
-  return reconstruct({.cameras = given.cameras,
-                      .images = given.images,
-                      .colors = given.colors,
-                      .descriptors = no_descriptors,
-                      .kind = FeatureKind::kSift,
-                      .pairs = given.pairs},
-                     options, progress, stop, hooks);
-}
-
-int registered(const Reconstruction& built) {
-  return built.models.empty() ? 0 : statistics_of(built.models[0]).registered;
-}
-
-// Runs the mapper with a checkpoint at every step, and returns the checkpoints.
-std::vector<MapperState> states_of(const TestSite& given, MapperChoice choice,
-                                   Reconstruction& built) {
-  std::vector<MapperState> states;
-  MapperHooks hooks;
-  hooks.save_checkpoint = [&](const MapperState& state) { states.push_back(state); };
-  hooks.save_interval_s = 0;
-  built = run(given, choice, 250, hooks);
-  return states;
+  return reconstruct(input_of(given), options_of(choice, auto_global), progress, stop, hooks);
 }
 
 // With these neighbours, both mappers first map all four sides onto each other.
@@ -85,7 +63,8 @@ TEST(RepeatedStructureMapper, EvaluatesModelByUnusedPairsToo) {
   options.seed = 3;
   const TestSite site = given(options);
   Reconstruction built;
-  const std::vector<MapperState> states = states_of(site, MapperChoice::kAuto, built);
+  const std::vector<MapperState> states = states_of(
+      [&](const MapperHooks& hooks) { return run(site, MapperChoice::kAuto, 250, hooks); }, built);
   EXPECT_THAT(built.log, testing::Contains(HasSubstr("score of the models")));
   ASSERT_FALSE(built.models.empty());
   EXPECT_EQ(registered(built), 60);
