@@ -39,8 +39,7 @@ struct BlockPattern {
 // whichever fills least. In the first two, variables tied to nearly all others come last. The order
 // is cut into tiles of 24 rows. Tiles are eliminated in a minimum-degree order, by products of dense
 // matrices (Ng and Peyton, Block sparse Cholesky algorithms on advanced uniprocessor computers,
-// 1993). The result is the same for any number of threads and any
-// processor.
+// 1993). The result is the same for any number of threads and any processor.
 class TileCholesky {
  public:
   void analyze(BlockPattern pattern);

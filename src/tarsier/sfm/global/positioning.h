@@ -29,7 +29,7 @@ struct PositioningOptions {
   double loss = 0.1;        // sine of an angle: rays with larger errors get less weight
   double last_loss = 0.01;  // the same, in the final stage
   double tolerance = 1e-3;  // a stage stops when a step reduces the cost by less than this share
-  double last_tolerance = 1e-4;
+  double last_tolerance = 1e-4;  // the same, in the final stage
 
   [[nodiscard]] OptionFields fields() {
     return {{"start_iterations", start_iterations, range(1, 1000)},
