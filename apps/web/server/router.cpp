@@ -156,22 +156,6 @@ std::string text_member(const nlohmann::json& object, const std::string& name) {
   return *value;
 }
 
-std::vector<std::string> text_list(const nlohmann::json& object, const std::string& name) {
-  if (!object.is_object()) throw HttpError(400, "the body must be a JSON object");
-  const auto found = object.find(name);
-  if (found == object.end() || found->is_null()) return {};
-  std::vector<std::string> result;
-  const auto fail = [&] {
-    throw HttpError(400, fmt::format("\"{}\" must be a list of strings", name));
-  };
-  if (!found->is_array()) fail();
-  for (const auto& item : *found) {
-    if (!item.is_string()) fail();
-    result.push_back(item.get<std::string>());
-  }
-  return result;
-}
-
 void Router::add(const std::string& method, const std::string& pattern, Handler handler,
                  Access access, RouteOptions options) {
   TARSIER_REQUIRE(method == "GET" || method == "POST" || method == "PUT" || method == "DELETE",

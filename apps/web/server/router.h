@@ -97,8 +97,6 @@ struct Response {
 [[nodiscard]] std::string text_member(const nlohmann::json& object, const std::string& name);
 [[nodiscard]] std::optional<std::string> optional_text(const nlohmann::json& object,
                                                        const std::string& name);
-[[nodiscard]] std::vector<std::string> text_list(const nlohmann::json& object,
-                                                 const std::string& name);  // absent: empty
 
 using Handler = std::function<Response(const Request&)>;
 

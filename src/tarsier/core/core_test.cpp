@@ -4,7 +4,6 @@
 #include "tarsier/core/length.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/markup.h"
-#include "tarsier/core/mat_info.h"
 #include "tarsier/core/measures.h"
 #include "tarsier/core/progress.h"
 #include "tarsier/core/require.h"
@@ -138,23 +137,6 @@ TEST(Timers, AScopeAddsOneRun) {
   { const auto scope = timers.time("stage"); }
   ASSERT_EQ(timers.stats().size(), 1U);
   EXPECT_EQ(timers.stats()[0].runs, 1);
-}
-
-TEST(MatInfo, ReportsSizeTypeAndRangePerChannel) {
-  cv::Mat image(2, 3, CV_8UC3, cv::Scalar(10, 20, 30));
-  image.at<cv::Vec3b>(1, 2) = {0, 255, 31};
-  EXPECT_EQ(mat_info(image, "frame"), "frame: 3x2 CV_8UC3, min (0 20 30), max (10 255 31)");
-  EXPECT_EQ(mat_info(cv::Mat()), "empty");
-}
-
-TEST(MatInfo, CountsNaN) {
-  cv::Mat values = (cv::Mat_<float>(1, 3) << 1, std::numeric_limits<float>::quiet_NaN(), 3);
-  EXPECT_EQ(mat_info(values), "3x1 CV_32FC1, min (1), max (3), 1 NaN");
-}
-
-TEST(MatPrint, CutsAtTheLimit) {
-  const cv::Mat values = (cv::Mat_<int>(3, 3) << 1, 2, 3, 4, 5, 6, 7, 8, 9);
-  EXPECT_EQ(mat_print(values, "", 2), "3x3 CV_32SC1\n 1 2 ...\n 4 5 ...\n ...\n");
 }
 
 std::string printed(ProgressStyle style) {

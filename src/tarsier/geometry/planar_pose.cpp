@@ -320,18 +320,4 @@ std::optional<PlanarPoses> planar_poses(std::span<const cv::Point2d> on_plane,
   return result;
 }
 
-std::optional<PlanarPose> refine_planar_pose(const Rigid3& start,
-                                             std::span<const cv::Point2d> on_plane,
-                                             std::span<const cv::Point2d> pixels,
-                                             const Camera& camera,
-                                             const PlanarPoseOptions& options) {
-  options.check();
-  const auto problem = problem_of(on_plane, pixels, camera, options);
-  if (!problem) return std::nullopt;
-  Pose pose{start.rotation, start.translation + start.rotation.leftCols<2>() * problem->center};
-  refine(*problem, options.iterations, pose);
-  if (!std::isfinite(pose.cost)) return std::nullopt;
-  return to_planar_pose(*problem, pose);
-}
-
 }  // namespace tarsier::geometry

@@ -63,11 +63,4 @@ struct PlanarPoseOptions {
                                                       const Camera& camera,
                                                       const PlanarPoseOptions& options = {});
 
-// Refines an approximate pose, e.g. that of the last frame; empty as above.
-[[nodiscard]] std::optional<PlanarPose> refine_planar_pose(const Rigid3& start,
-                                                           std::span<const cv::Point2d> on_plane,
-                                                           std::span<const cv::Point2d> pixels,
-                                                           const Camera& camera,
-                                                           const PlanarPoseOptions& options = {});
-
 }  // namespace tarsier::geometry

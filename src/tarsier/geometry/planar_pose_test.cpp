@@ -118,15 +118,6 @@ TEST(PlanarPose, HandlesManyPointsAwayFromTheOrigin) {
   EXPECT_LT(degrees_between(found->best.camera_from_plane, truth), 1e-3);
 }
 
-TEST(PlanarPose, RefinesThePreviousPose) {
-  const Camera camera = test_camera();
-  const Rigid3 truth = pose_of(0.5, 1.0, 0.4, {-0.1, 0.05, 0.6});
-  const Rigid3 before = pose_of(0.55, 1.1, 0.35, {-0.08, 0.04, 0.63});
-  const auto found = refine_planar_pose(before, kSquare, projected(camera, truth, kSquare), camera);
-  ASSERT_TRUE(found);
-  EXPECT_LT(degrees_between(found->camera_from_plane, truth), 0.01);
-}
-
 TEST(PlanarPose, IsEmptyForDegeneratePoints) {
   const Camera camera = test_camera();
   const std::vector<cv::Point2d> line{{100, 100}, {200, 200}, {300, 300}, {400, 400}};

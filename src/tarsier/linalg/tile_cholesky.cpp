@@ -3,7 +3,6 @@
 
 #include "tarsier/core/at.h"
 #include "tarsier/core/require.h"
-#include "tarsier/linalg/dissection.h"
 #include "tarsier/linalg/tile_kernels.h"
 
 #include <Eigen/Cholesky>
@@ -135,7 +134,6 @@ void TileCholesky::analyze(BlockPattern pattern) {
     if (degree_factor != kHubDegreeFactors.front() && narrow.hubs.size() == hubs) continue;
     hubs = narrow.hubs.size();
     try_order(narrow.variables, narrow.hubs);
-    try_order(dissection_order(neighbours, narrow.variables), narrow.hubs);
   }
   try_order(minimum_degree_order(pattern_.variables(), pattern_.blocks), {});
   if (!is_last) analyze_in_order(best);

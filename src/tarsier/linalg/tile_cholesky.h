@@ -35,11 +35,11 @@ struct BlockPattern {
 // P A P^T = L L^T of a sparse symmetric positive definite matrix, n x n, with a rather dense factor
 // L: for example the equations of cameras that each share points with a hundred others.
 // The variables are ordered by reverse Cuthill-McKee (Reducing the bandwidth of sparse symmetric
-// matrices, 1969), nested dissection or minimum degree (Amestoy, Davis and Duff 1996; Eigen's),
-// whichever fills least. In the first two, variables tied to nearly all others come last. The order
-// is cut into tiles of 24 rows. Tiles are eliminated in a minimum-degree order, by products of dense
-// matrices (Ng and Peyton, Block sparse Cholesky algorithms on advanced uniprocessor computers,
-// 1993). The result is the same for any number of threads and any processor.
+// matrices, 1969), where those tied to nearly all others come last, or by minimum degree
+// (Amestoy, Davis and Duff 1996; Eigen's), whichever fills less. The order is cut into tiles of
+// 24 rows. Tiles are eliminated in a minimum-degree order, by products of dense matrices (Ng and
+// Peyton, Block sparse Cholesky algorithms on advanced uniprocessor computers, 1993). The result
+// is the same for any number of threads and any processor.
 class TileCholesky {
  public:
   void analyze(BlockPattern pattern);

@@ -56,6 +56,36 @@ void subsample(Images& images, std::size_t max_images) {
   images = std::move(kept);
 }
 
+struct TrialFit {
+  double fit_error = 0;  // FitResult::error
+  bool is_right = false;
+};
+
+// The limit of FitResult::error that separates right and wrong fits with the fewest mistakes.
+// Without wrong fits: twice the largest error of the right ones, at most 1.
+double choose_lost_error(std::vector<TrialFit> fits) {
+  std::sort(fits.begin(), fits.end(), [](const TrialFit& a, const TrialFit& b) {
+    return std::pair(a.fit_error, a.is_right) < std::pair(b.fit_error, b.is_right);
+  });
+  int mistakes = 0;  // with the limit below all errors, each right fit is called lost
+  double largest = 0;
+  for (const auto& [error, is_right] : fits) {
+    mistakes += is_right ? 1 : 0;
+    if (is_right) largest = std::max(largest, error);
+  }
+  if (mistakes == static_cast<int>(fits.size())) return std::min(1.0, 2 * largest);
+  int min_mistakes = mistakes;
+  double best = 0;
+  for (std::size_t i = 0; i < fits.size(); ++i) {
+    mistakes += fits[i].is_right ? -1 : 1;
+    if (mistakes > min_mistakes) continue;
+    min_mistakes = mistakes;
+    best =
+        i + 1 < fits.size() ? (fits[i].fit_error + fits[i + 1].fit_error) / 2 : fits[i].fit_error;
+  }
+  return best;
+}
+
 }  // namespace
 
 double point_error(const Matrix2Xd& points, const Matrix2Xd& truth,
@@ -77,109 +107,6 @@ int set_shape_in_box(AppearanceModel& model, const std::vector<TrainingImage>& i
   }
   if (!boxes.empty()) model.shape_in_box = learn_shape_in_box(boxes);
   return static_cast<int>(boxes.size());
-}
-
-void StudyOptions::check(int points) const {
-  check_eyes(eyes, points);
-  TARSIER_REQUIRE(starts >= 1 && starts <= 1000, "{} starts", starts);
-  TARSIER_REQUIRE(spread >= 0 && limit > 0, "spread {}, limit {}", spread, limit);
-}
-
-std::vector<StudyItem> study_images(const Fitter& fitter, const std::vector<TrainingImage>& images,
-                                    const Detect& detect, const StudyOptions& options,
-                                    Progress& progress, const std::stop_token& stop) {
-  const AppearanceModel& model = fitter.model();
-  options.check(model.points());
-  std::vector<StudyItem> items(images.size());
-  std::vector<std::optional<cv::Rect2d>> boxes(images.size());
-  for (std::size_t i = 0; i < images.size(); ++i) {
-    throw_if_stopped(stop);
-    boxes[i] = detect(images[i].image);
-  }
-  const Eigen::MatrixXf modes = model.levels.front().modes();
-  progress.begin("fits", static_cast<std::int64_t>(images.size()), "images");
-  cv::parallel_for_(cv::Range(0, static_cast<int>(images.size())), [&](const cv::Range& range) {
-    FitWorkspace workspace;
-    for (int i = range.start; i < range.end && !stop.stop_requested(); ++i) {
-      const TrainingImage& image = images[static_cast<std::size_t>(i)];
-      StudyItem& item = items[static_cast<std::size_t>(i)];
-      item.name = image.name;
-      item.truth = image.points;
-      item.floor =
-          point_error(shape::shape_of(model.shape, shape::fit_shape(model.shape, image.points)),
-                      image.points, options.eyes);
-      item.truth_fit_error =
-          fit_texture(model, model.levels.front(), modes, image.image, image.points).error;
-      const auto& box = boxes[static_cast<std::size_t>(i)];
-      item.detected = box && is_plausible_box(*box, image.points);
-      if (item.detected) {
-        item.start = start_in_box(model, *box);
-        item.start_error = point_error(item.start, image.points, options.eyes);
-        item.fit = fitter.fit_best(
-            image.image, starts_around(item.start, options.starts, options.spread), workspace);
-        item.error = point_error(item.fit.points, image.points, options.eyes);
-      }
-      progress.advance();
-    }
-  });
-  progress.end();
-  throw_if_stopped(stop);
-  return items;
-}
-
-StudySummary summarise(const std::vector<StudyItem>& items, double limit) {
-  StudySummary s;
-  std::vector<double> errors;
-  int within = 0;
-  for (const StudyItem& item : items) {
-    ++s.images;
-    s.floor_mean += item.floor;
-    if (!item.detected) continue;
-    ++s.detected;
-    errors.push_back(item.error);
-    s.mean += item.error;
-    s.start_mean += item.start_error;
-    s.lost += item.fit.lost ? 1 : 0;
-    s.iterations += item.fit.iterations;
-    within += item.error <= limit ? 1 : 0;
-  }
-  if (s.images > 0) {
-    s.floor_mean /= s.images;
-    s.within = static_cast<double>(within) / s.images;
-  }
-  if (s.detected > 0) {
-    s.mean /= s.detected;
-    s.start_mean /= s.detected;
-    s.lost /= s.detected;
-    s.iterations /= s.detected;
-    std::sort(errors.begin(), errors.end());
-    s.median = errors[errors.size() / 2];
-  }
-  return s;
-}
-
-double choose_lost_error(const std::vector<StudyItem>& items, double good) {
-  std::vector<std::pair<double, bool>> fits;
-  for (const StudyItem& item : items) {
-    if (item.detected) fits.emplace_back(item.fit.error, item.error < good);
-  }
-  std::sort(fits.begin(), fits.end());
-  int mistakes = 0;  // with the limit below all errors, each successful fit is called lost
-  double largest = 0;
-  for (const auto& [error, is_right] : fits) {
-    mistakes += is_right ? 1 : 0;
-    if (is_right) largest = std::max(largest, error);
-  }
-  if (mistakes == static_cast<int>(fits.size())) return std::min(1.0, 2 * largest);
-  int min_mistakes = mistakes;
-  double best = 0;
-  for (std::size_t i = 0; i < fits.size(); ++i) {
-    mistakes += fits[i].second ? -1 : 1;
-    if (mistakes > min_mistakes) continue;
-    min_mistakes = mistakes;
-    best = i + 1 < fits.size() ? (fits[i].first + fits[i + 1].first) / 2 : fits[i].first;
-  }
-  return best;
 }
 
 std::array<int, 2> farthest_points(const shape::ShapeModel& model) {
@@ -215,7 +142,7 @@ double learn_lost_error(const std::vector<TrainingImage>& images, const std::vec
   FitOptions fit;
   fit.method = Method::kAlternating;
   const Fitter fitter(model, fit);
-  std::vector<StudyItem> items(2 * left_out.size());
+  std::vector<TrialFit> fits(2 * left_out.size());
   progress.begin("right and wrong fits", static_cast<std::int64_t>(left_out.size()), "images");
   cv::parallel_for_(cv::Range(0, static_cast<int>(left_out.size())), [&](const cv::Range& range) {
     FitWorkspace workspace;
@@ -225,19 +152,18 @@ double learn_lost_error(const std::vector<TrainingImage>& images, const std::vec
       const Matrix2Xd mean =
           shape::fit_similarity(model.shape.mean, image.points)(model.shape.mean);
       for (std::size_t far = 0; far < 2; ++far) {
-        StudyItem& item = items[2 * index + far];
         const Matrix2Xd start = disturbed(mean, far == 1 ? kLargeDisturbance : kSmallDisturbance,
                                           seed * 7919 + 2 * index + far);
-        item.detected = true;
-        item.fit = fitter.fit(image.image, start, workspace);
-        item.error = point_error(item.fit.points, image.points, ends);
+        const FitResult found = fitter.fit(image.image, start, workspace);
+        fits[2 * index + far] = {found.error,
+                                 point_error(found.points, image.points, ends) < kGoodError};
       }
       progress.advance();
     }
   });
   progress.end();
   throw_if_stopped(stop);
-  return choose_lost_error(items, kGoodError);
+  return choose_lost_error(std::move(fits));
 }
 
 void ConvergenceOptions::check(int points) const {

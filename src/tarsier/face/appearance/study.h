@@ -32,47 +32,6 @@ using Detect = std::function<std::optional<cv::Rect2d>(const cv::Mat& image)>;
 int set_shape_in_box(AppearanceModel& model, const std::vector<TrainingImage>& images,
                      const Detect& detect);
 
-struct StudyItem {
-  std::string name;
-  bool detected = false;   // a box was found, and it contains the points' centre
-  double start_error = 0;  // share of the eye distance
-  double error = 0;
-  double floor = 0;            // of the best shape that the model can represent
-  double truth_fit_error = 0;  // FitResult::error of a texture at the true points
-  FitResult fit;
-  Eigen::Matrix2Xd start;
-  Eigen::Matrix2Xd truth;
-};
-struct StudySummary {
-  int images = 0;
-  int detected = 0;
-  double mean = 0;  // of the error over detected objects, share of the eye distance
-  double median = 0;
-  double within = 0;  // share of all images with an error <= limit
-  double start_mean = 0;
-  double floor_mean = 0;
-  double lost = 0;  // share of the detected objects that the fit reports as lost
-  double iterations = 0;
-};
-struct StudyOptions {
-  std::array<int, 2> eyes{-1, -1};
-  int starts = 1;     // around the detector's
-  double spread = 1;  // spread of these
-  double limit = 0.04;
-  void check(int points) const;
-};
-// Fits the model to images, starting from the detector's boxes.
-[[nodiscard]] std::vector<StudyItem> study_images(const Fitter& fitter,
-                                                  const std::vector<TrainingImage>& images,
-                                                  const Detect& detect, const StudyOptions& options,
-                                                  Progress& progress, const std::stop_token& stop);
-[[nodiscard]] StudySummary summarise(const std::vector<StudyItem>& items, double limit);
-
-// model.lost_error from successful and failed fits (successful: point error below `good`): the
-// value that separates them with the fewest errors. Without failed fits: twice the largest error of
-// the successful ones, at most 1.
-[[nodiscard]] double choose_lost_error(const std::vector<StudyItem>& items, double good);
-
 // The two points of the mean shape that are farthest apart: a unit of length if the eyes are
 // unknown.
 [[nodiscard]] std::array<int, 2> farthest_points(const shape::ShapeModel& model);

@@ -45,40 +45,23 @@ namespace {
 
 constexpr double kDuplicateFalseAcceptRate = 0.001;
 
-template <typename Name>
-std::vector<std::string> frequent_matches(const std::vector<cv::Mat>& crops,
-                                          const std::string& name, const Name& recognise) {
+}  // namespace
+
+std::vector<std::string> duplicate_names(GalleryFollower& follower,
+                                         const std::vector<cv::Mat>& crops,
+                                         const std::string& name) {
+  const Recognizer& model = *follower.recognizer();
   std::map<std::string, std::size_t> taken_for;
   for (const cv::Mat& crop : crops) {
-    const Recognition seen = recognise(crop);
+    const auto face =
+        recognition::template_of(model, recognizer_input(model.options.algorithm, crop));
+    const Recognition seen = follower.recognize(face, kDuplicateFalseAcceptRate);
     if (seen.known && seen.label != name) ++taken_for[seen.label];
   }
   std::vector<std::string> out;
   for (const auto& [label, count] : taken_for)
     if (2 * count > crops.size()) out.push_back(label);
   return out;
-}
-
-std::vector<float> template_of_crop(const Recognizer& model, const cv::Mat& crop) {
-  return recognition::template_of(model, recognizer_input(model.options.algorithm, crop));
-}
-
-}  // namespace
-
-std::vector<std::string> duplicate_names(const Recognizer& model, const std::vector<cv::Mat>& crops,
-                                         const std::string& name) {
-  return frequent_matches(crops, name, [&](const cv::Mat& crop) {
-    return recognize(model, template_of_crop(model, crop), kDuplicateFalseAcceptRate);
-  });
-}
-
-std::vector<std::string> duplicate_names(GalleryFollower& follower,
-                                         const std::vector<cv::Mat>& crops,
-                                         const std::string& name) {
-  return frequent_matches(crops, name, [&](const cv::Mat& crop) {
-    return follower.recognize(template_of_crop(*follower.recognizer(), crop),
-                              kDuplicateFalseAcceptRate);
-  });
 }
 
 }  // namespace tarsier::face::people

@@ -199,10 +199,6 @@ struct Recognition {
 // Other people of the gallery with whom more than half of these new faces (crop_face()) match at a
 // false accept rate of one in a thousand. They are probably the same person under another name.
 // Empty if there are none.
-[[nodiscard]] std::vector<std::string> duplicate_names(const recognition::Recognizer& model,
-                                                       const std::vector<cv::Mat>& crops,
-                                                       const std::string& name);
-// The same with the follower's gallery.
 [[nodiscard]] std::vector<std::string> duplicate_names(GalleryFollower& follower,
                                                        const std::vector<cv::Mat>& crops,
                                                        const std::string& name);

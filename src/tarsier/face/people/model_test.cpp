@@ -319,12 +319,14 @@ TEST_F(GalleryModelTest, FindsDuplicateNames) {
   Gallery gallery(path("p.db"));
   const auto general = gallery_background();
   enroll(gallery, 2, 4);
-  const auto model = gallery_model(gallery, &general, true, progress_, {});
+  GalleryFollower follower(
+      gallery, &general,
+      load_gallery_model(gallery, &general, true, TrainingPolicy::kIfNeeded, progress_, {}));
   const auto again = synthetic_faces(1, 3, 0.2, 123, 1, {128, 160}).faces;
-  EXPECT_THAT(duplicate_names(*model, again, "Somebody"), ElementsAre("p1"));
-  EXPECT_THAT(duplicate_names(*model, again, "p1"), IsEmpty());
-  EXPECT_THAT(duplicate_names(*model, synthetic_faces(1, 3, 0.2, 123, 700, {128, 160}).faces, "x"),
-              IsEmpty());
+  EXPECT_THAT(duplicate_names(follower, again, "Somebody"), ElementsAre("p1"));
+  EXPECT_THAT(duplicate_names(follower, again, "p1"), IsEmpty());
+  const auto stranger = synthetic_faces(1, 3, 0.2, 123, 700, {128, 160}).faces;
+  EXPECT_THAT(duplicate_names(follower, stranger, "x"), IsEmpty());
 }
 
 }  // namespace

@@ -242,13 +242,6 @@ double compare(const Recognizer& model, std::span<const float> a, std::span<cons
   return -std::sqrt(sum);
 }
 
-std::optional<Nearest> nearest_template(const Recognizer& model, std::span<const float> probe) {
-  const auto scores = scores_of(model, probe);
-  const auto best = std::max_element(scores.begin(), scores.end());  // the first one of equals
-  if (best == scores.end()) return std::nullopt;
-  return Nearest{static_cast<int>(best - scores.begin()), *best};
-}
-
 std::vector<PersonScore> identify(const Recognizer& model, const cv::Mat& face) {
   return identify_template(model, template_of(model, face));
 }

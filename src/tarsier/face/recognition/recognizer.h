@@ -158,14 +158,6 @@ struct Background {
 [[nodiscard]] double compare(const Recognizer& model, std::span<const float> a,
                              std::span<const float> b);
 
-// The most similar template; the first one of equals.
-struct Nearest {
-  int index = -1;  // into templates
-  double score = 0;
-};
-[[nodiscard]] std::optional<Nearest> nearest_template(const Recognizer& model,
-                                                      std::span<const float> probe);
-
 struct PersonScore {
   int person = 0;    // index into labels
   double score = 0;  // of the best template; default: combined with that of the mean template

@@ -203,15 +203,6 @@ std::vector<double> residuals_of(const geometry::Sim3& similarity,
   return result;
 }
 
-double median_residual(const geometry::Sim3& similarity, const std::vector<Eigen::Vector3d>& from,
-                       const std::vector<Eigen::Vector3d>& to) {
-  std::vector<double> residuals = residuals_of(similarity, from, to);
-  if (residuals.empty()) return 0;
-  const auto median = residuals.begin() + static_cast<std::ptrdiff_t>(residuals.size() / 2);
-  std::nth_element(residuals.begin(), median, residuals.end());
-  return *median;
-}
-
 void transform(Model& model, const geometry::Sim3& similarity) {
   similarity.check();
   for (Point& point : model.points) point.position = similarity * point.position;

@@ -26,14 +26,10 @@ namespace tarsier::sfm {
     const std::vector<Eigen::Vector3d>& from, const std::vector<Eigen::Vector3d>& to,
     double tolerance, std::uint64_t seed);
 
-// Distances |similarity * from - to| of the pairs, and their median, in units of `to`. The median
-// of an even number is the upper one; the median of no pairs is 0.
+// Distances |similarity * from - to| of the pairs, in units of `to`.
 [[nodiscard]] std::vector<double> residuals_of(const geometry::Sim3& similarity,
                                                const std::vector<Eigen::Vector3d>& from,
                                                const std::vector<Eigen::Vector3d>& to);
-[[nodiscard]] double median_residual(const geometry::Sim3& similarity,
-                                     const std::vector<Eigen::Vector3d>& from,
-                                     const std::vector<Eigen::Vector3d>& to);
 
 // Transforms points and registered poses. Projections into the images do not change. Throws
 // std::invalid_argument unless the similarity is valid (scale > 0, proper rotation, all finite).

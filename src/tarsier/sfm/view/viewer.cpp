@@ -172,8 +172,10 @@ std::string clipping_panel() {
   return panel + "</div>";
 }
 
-std::string viewer(const Model& model, const std::string& title, const ViewerLayers& layers,
-                   int max_points, bool is_page) {
+}  // namespace
+
+std::string viewer_html(const Model& model, const std::string& title, const ViewerLayers& layers,
+                        int max_points) {
   TARSIER_REQUIRE(max_points >= 1, "{}", max_points);
   check(layers);
   const Frame frame{frame_model(model)};
@@ -227,20 +229,13 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
       {"plainly", drawn(std::min<std::size_t>(drawn_points, 15000))},
   });
 
-  std::string page;
   const std::string label = escaped_markup(title);
-  if (is_page) {
-    page +=
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n"
-        "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n<title>";
-    page += label;
-    page += "</title>\n<style>body{margin:0}</style></head><body>\n";
-  }
-  page += is_page ? "<div class=\"tv\">" : "<div class=\"tv tv-part\">";
-  page += "<style>";
+  std::string page =
+      "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n"
+      "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n<title>";
+  page += label;
+  page += "</title>\n<style>body{margin:0}</style></head><body>\n<div class=\"tv\"><style>";
   page += kViewerCss;
-  // After the general rule for the height of a view.
-  if (is_page) page += "body>.tv{height:100vh;min-height:0}\n";
   page += "</style>\n<canvas tabindex=\"0\" aria-label=\"" + label + "\"></canvas>\n";
   page += "<svg class=\"tv-over\" aria-hidden=\"true\"></svg>\n";
   page += "<div class=\"tv-cams\"><div class=\"tv-bar\">";
@@ -267,24 +262,12 @@ std::string viewer(const Model& model, const std::string& title, const ViewerLay
   page += json_in_script(data);
   page += "</script>\n<script>";
   page += kViewerJs;
-  page += "</script></div>\n";
-  if (is_page) page += "</body></html>\n";
+  page += "</script></div>\n</body></html>\n";
   return page;
 }
 
-}  // namespace
-
 std::string viewer_html(const Model& model, const std::string& title, int max_points) {
-  return viewer(model, title, {}, max_points, true);
-}
-
-std::string viewer_html(const Model& model, const std::string& title, const ViewerLayers& layers,
-                        int max_points) {
-  return viewer(model, title, layers, max_points, true);
-}
-
-std::string viewer_fragment(const Model& model, const std::string& title, int max_points) {
-  return viewer(model, title, {}, max_points, false);
+  return viewer_html(model, title, {}, max_points);
 }
 
 }  // namespace tarsier::sfm

@@ -45,9 +45,4 @@ struct ViewerLayers {
 [[nodiscard]] std::string viewer_html(const Model& model, const std::string& title,
                                       const ViewerLayers& layers, int max_points = 60000);
 
-// The same for inclusion in another page's body: one <div class="tv"> with its own style and
-// script, as wide as its place. A page may contain several.
-[[nodiscard]] std::string viewer_fragment(const Model& model, const std::string& title,
-                                          int max_points = 60000);
-
 }  // namespace tarsier::sfm

@@ -152,13 +152,5 @@ TEST(Viewer, EmptyModelGivesAPage) {
   EXPECT_THROW((void)viewer_html(Model{}, "", 0), std::invalid_argument);
 }
 
-TEST(Viewer, FragmentIsOneElement) {
-  const std::string part = viewer_fragment(sample_model(20), "Part");
-  EXPECT_EQ(part.find("<div class=\"tv tv-part\">"), 0U);
-  EXPECT_THAT(part, Not(HasSubstr("<html")));
-  EXPECT_THAT(part, Not(HasSubstr("<body")));
-  EXPECT_THAT(part, testing::EndsWith("</script></div>\n"));
-}
-
 }  // namespace
 }  // namespace tarsier::sfm

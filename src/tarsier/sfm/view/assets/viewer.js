@@ -15,8 +15,8 @@ const on={points:!data.cloud&&!mesh,cloud:!!data.cloud&&!mesh,mesh:!!mesh};
 const wires=new Float32Array(bytes(data.cameras).buffer),names=data.names,M=names.length;
 const EDGES=[0,1,0,2,0,3,0,4,1,2,2,3,3,4,4,1],TAN=Math.tan(20*Math.PI/180);
 let canvas=$('canvas'),legend=$('.tv-legend'),tip=$('.tv-tip'),list=$('.tv-cams ol'),over=$('.tv-over');
-let inside=root.classList.contains('tv-part');
-try{inside=inside||window.self!==window.top}catch(e){inside=true}
+let inside=true;
+try{inside=window.self!==window.top}catch(e){}
 
 // The view: an eye at distance d from the target t, in the frame of the cloud (y is up).
 let yaw,pitch,d,t,width=1,height=1,dpr=1,wantCams=true,lit=-1,dirty=false,painter=null,untouched=true;
