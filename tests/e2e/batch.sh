@@ -78,6 +78,24 @@ expect_status 3
 expect_error 'part-2.jsonl: was written with other inputs, flags or another shard'
 [ ! -e again.jsonl ] || fail 'a merge that failed left a file'
 
+# A finished run whose results are missing or changed, or that had no table, is done again.
+cp one.jsonl kept.jsonl
+cp one.csv kept.csv
+rm one.jsonl
+run ar markers photos --jsonl one.jsonl --csv one.csv --resume
+expect_status 0
+printf 'fra' >one.csv
+run ar markers photos --jsonl one.jsonl --csv one.csv --resume
+expect_status 0
+cmp one.jsonl kept.jsonl && cmp one.csv kept.csv || fail 'a missing result was not made again'
+rm one.csv one.csv.done
+run ar markers photos --jsonl one.jsonl --csv one.csv --resume
+expect_status 0
+cmp one.csv kept.csv || fail 'the table was not made by --resume'
+run ar markers photos --jsonl two.jsonl --csv two.jsonl
+expect_status 2
+expect_error 'two.jsonl: is used by two flags'
+
 # What is no batch of images.
 run ar markers photos --shard 5/4
 expect_status 2

@@ -26,7 +26,7 @@ expect_status 2
 expect_error '9x9' 'aruco-original'
 run ar marker-sheet --ids 0-5000 -o x.pdf
 expect_status 2
-expect_error '0..249'
+expect_error '0..586'
 run ar marker-sheet --board chess:9x6 -o x.pdf
 expect_status 2
 expect_error '--square'

@@ -70,6 +70,28 @@ echo >file
 expect_failure 6 'file' $good -o file/
 [ ! -w /dev/full ] || expect_failure 6 '/dev/full' $good -o /dev/full
 
+# No output replaces an input or a file of another flag.
+mkdir one two
+cp $good one/b.jpg
+cp $samples/fruits.jpg two/b.jpg
+cp $good taken.jpg
+run ar target-train taken.jpg -o target.json --quiet
+before=$(cat one/* two/* taken.jpg target.json | md5sum)
+for words in 'cartoon run one/b.jpg two/b.jpg -o two/' 'cartoon run one/b.jpg -o one/b.jpg' 'ar markers taken.jpg --csv taken.jpg' \
+  'ar target-train taken.jpg -o taken.jpg' 'calibrate one two --board chess:9x6 --square 25mm -o two/b.jpg' \
+  'ar target-track one --target target.json --csv target.json'; do
+  # shellcheck disable=SC2086 # several words
+  run $words
+  expect_status 2
+  expect_error 'is an input|is also an input|is used by two flags'
+done
+[ "$before" = "$(cat one/* two/* taken.jpg target.json | md5sum)" ] || fail 'an input was replaced'
+# An older table stays if no image can be read.
+echo 'kept' >table.csv
+run ar markers text.jpg --csv table.csv
+expect_status 3
+[ "$(cat table.csv)" = kept ] || fail "the older table was changed to: $(cat table.csv)"
+
 # A full disk, where this machine lets us make a small one.
 mkdir small
 if mount -t tmpfs -o size=64k tmpfs small 2>/dev/null; then

@@ -37,5 +37,17 @@ for signal in INT TERM; do
     esac
   done
 done
-[ -z "$(find . -maxdepth 1 -name '.video*')" ] || fail "half a video stayed: $(ls -A)"
+# An older video stays.
+echo older >older.mp4
+"$TARSIER" cartoon run $video --quality reference --json -o older.mp4 >stdout.txt 2>stderr.txt </dev/null &
+program=$!
+for _ in $(seq 6000); do
+  [ "$(wc -l <stdout.txt)" -ge 5 ] && break
+  sleep 0.05
+done
+kill -INT $program
+wait $program || true
+[ "$(cat older.mp4)" = older ] || fail 'half a video replaced an older one'
+grep -q 'older.mp4: is unchanged' stderr.txt || fail "no warning: $(cat stderr.txt)"
+[ -z "$(find . -maxdepth 1 -name '.video*' -o -name '.older*')" ] || fail "half a video stayed: $(ls -A)"
 finish

@@ -59,11 +59,17 @@ std::string list_of(const std::vector<std::string>& names) {
 }
 
 // The header line of a journal.
-nlohmann::ordered_json header_of(const PartInfo& info, const BatchTable& table) {
+nlohmann::ordered_json header_of(const PartInfo& info) {
   return {{"shard", {info.shard.number, info.shard.count}},
           {"list", info.list},
-          {"settings", info.settings},
-          {"table", !table.path.empty()}};
+          {"settings", info.settings}};
+}
+
+// Whether the file is as its run has written it.
+bool is_complete(const std::string& path) {
+  std::error_code ignored;
+  return fs::exists(info_path(path), ignored) && fs::is_regular_file(path, ignored) &&
+         sha256_of_file(path) == read_part_info(path).sha256;
 }
 
 }  // namespace
@@ -102,14 +108,21 @@ Batch::Batch(const BatchFlags& flags, BatchTable table, const std::vector<std::s
             flags.jsonl,
             "was written with other inputs, flags or another shard: --resume needs the same ones");
       }
+      for (const std::string& path : {flags.jsonl, table_.path}) {
+        if (path.empty() || is_complete(path)) continue;
+        log_warning("{}: is missing or was changed; all images are processed again", path);
+        is_finished = false;
+      }
+    }
+    if (is_finished) {
       // of a run that was killed after it had finished
       fs::remove(flags.jsonl + ".journal", ignored);
     } else {
       for (const std::string& path : {flags.jsonl, table_.path})
         if (!path.empty()) fs::remove(info_path(path), ignored);  // of an older run
       const AtomicFile probe(flags.jsonl);  // detects an error now, not after the work
-      journal_ = std::make_unique<Journal>(flags.jsonl + ".journal",
-                                           json_text(header_of(info_, table_)), flags.resume);
+      journal_ = std::make_unique<Journal>(flags.jsonl + ".journal", json_text(header_of(info_)),
+                                           flags.resume);
       done = journal_->inputs();
     }
   }

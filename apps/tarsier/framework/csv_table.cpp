@@ -2,6 +2,7 @@
 #include "csv_table.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/media/atomic_file.h"
 
 namespace tarsier::cli {
 
@@ -9,6 +10,8 @@ CsvTable::CsvTable(const std::string& path, std::string_view header)
     : path_(path), file_(path, std::ios::binary) {
   add(header);
 }
+
+void CsvTable::require_writable(const std::string& path) { const AtomicFile probe(path); }
 
 void CsvTable::add(std::string_view row) {
   file_ << row << '\n';

@@ -14,6 +14,8 @@ class CsvTable {
   // `header`: "frame,time,id". Constructor and add() throw OutputError if the file cannot be
   // written.
   CsvTable(const std::string& path, std::string_view header);
+  // Throws OutputError if the file cannot be written. An existing file is not changed.
+  static void require_writable(const std::string& path);
   // `row` has no line end; its texts come from csv_field() (core/csv.h).
   void add(std::string_view row);
 

@@ -45,6 +45,23 @@ constexpr double kMaxRepeated_s = 10;
 using WindowPointer = std::unique_ptr<window::Window>;
 constexpr const char* kNextImage = "next-image";
 
+// Whether a flag other than that of this output names the same file.
+bool has_another_use(const std::string& output, const std::vector<std::string>& words) {
+  std::error_code error;
+  if (!fs::is_regular_file(output, error)) return false;
+  int uses = 0;
+  int own_uses = 0;  // none if a file of flags gives the output
+  for (const std::string& word : words) {
+    const std::size_t equals = word.starts_with("--") ? word.find('=') : std::string::npos;
+    const std::string value = equals != std::string::npos ? word.substr(equals + 1)
+                              : word.starts_with("-o")    ? word.substr(2)
+                                                          : word;
+    if (value == output) own_uses = 1;
+    if (fs::equivalent(value, output, error)) ++uses;
+  }
+  return uses > own_uses;
+}
+
 // --- the loop ---
 
 class Run {
@@ -94,10 +111,10 @@ class Run {
     for (const std::string& input : flags_.inputs)
       static_cast<void>(classify_source(input, schemes));
     if (flags_.batch.is_requested()) check_batch();
-    refuse_to_overwrite();
-    const SinkKind kind = flags_.output.empty() ? SinkKind::kNone : classify_sink(flags_.output);
+    if (!flags_.output.empty()) sink_kind_ = classify_sink(flags_.output);
+    refuse_to_overwrite(schemes);
     if (!flags_.segment.empty()) {
-      if (kind != SinkKind::kVideo) throw UsageError("--segment: needs -o with a video file");
+      if (sink_kind_ != SinkKind::kVideo) throw UsageError("--segment: needs -o with a video file");
       segment_s_ =
           std::chrono::duration<double>(plate::parse_duration(flags_.segment, "--segment")).count();
       if (segment_s_ <= 0) throw UsageError("--segment: expected a duration above 0");
@@ -108,16 +125,15 @@ class Run {
     }
 
     if (flags_.batch.is_requested()) {
-      open_batch(schemes, kind);
+      open_batch(schemes);
       source_ = batch_->open();
     } else {
       source_ = open_sources(flags_.inputs, flags_.source, schemes);
     }
-    if (!hooks_.table.path.empty() && !stores_results())
-      table_.emplace(hooks_.table.path, hooks_.table.columns);
+    if (!hooks_.table.path.empty()) CsvTable::require_writable(hooks_.table.path);
     live_ = source_->is_live();
     if (!live_) source_ = std::make_unique<ReadAhead>(std::move(source_), context_.stop);
-    live_video_ = live_ && kind == SinkKind::kVideo;
+    live_video_ = live_ && sink_kind_ == SinkKind::kVideo;
     if (!live_video_) open_output();  // a camera's rate is known after its first frame
 
     if (opens_window(flags_)) {
@@ -149,10 +165,10 @@ class Run {
           "--every or --actions");
   }
 
-  void open_batch(const std::vector<Scheme>& schemes, SinkKind kind) {
+  void open_batch(const std::vector<Scheme>& schemes) {
     batch_ = std::make_unique<Batch>(flags_.batch, hooks_.table, flags_.inputs, schemes, context_);
     context_.is_batch = true;
-    if (kind != SinkKind::kFolder) return;
+    if (sink_kind_ != SinkKind::kFolder) return;
     std::map<std::string, std::string> files;  // in the output folder, which shards share
     for (const std::string& name : batch_->names()) {
       const auto [other, is_new] = files.emplace(fs::path(name).filename().string(), name);
@@ -175,14 +191,21 @@ class Run {
     return list;
   }
 
-  void refuse_to_overwrite() const {
-    for (const std::string& output : {flags_.output, flags_.batch.jsonl}) {
-      if (output.empty()) continue;
-      for (const std::string& input : flags_.inputs) {
-        std::error_code error;
-        if (fs::is_regular_file(input, error) && fs::equivalent(input, output, error)) {
-          throw UsageError(fmt::format("{}: is also an input; name another output", output));
-        }
+  // Throws UsageError if an output would replace an input, a file of another flag, or another
+  // output.
+  void refuse_to_overwrite(const std::vector<Scheme>& schemes) {
+    inputs_ = std::make_shared<const InputFiles>(flags_.inputs, schemes);
+    std::vector<std::string> outputs;
+    if (sink_kind_ == SinkKind::kImage || sink_kind_ == SinkKind::kVideo)
+      outputs.push_back(flags_.output);
+    for (const std::string& path : {flags_.batch.jsonl, hooks_.table.path})
+      if (!path.empty()) outputs.push_back(path);
+    for (const std::string& output : outputs) {
+      inputs_->refuse_output(output);
+      if (std::count(outputs.begin(), outputs.end(), output) > 1 ||
+          has_another_use(output, context_.words)) {
+        throw UsageError(
+            fmt::format("{}: is used by two flags; an output needs a file of its own", output));
       }
     }
   }
@@ -191,6 +214,10 @@ class Run {
     SinkOptions options = flags_.sink;
     options.segment_s = segment_s_;
     options.recording = live_video_;
+    options.inputs = inputs_;
+    std::error_code ignored;
+    replaces_video_ = !live_video_ && segment_s_ == 0 && sink_kind_ == SinkKind::kVideo &&
+                      fs::exists(flags_.output, ignored);
     options.token = http_access(flags_).token;
     fps_ = source_->fps() > 0 ? source_->fps() : options.fps;
     if (!live_) fps_ /= flags_.every;
@@ -277,6 +304,8 @@ class Run {
       return;
     }
     ++processed_;
+    if (!hooks_.table.path.empty() && !stores_results() && !table_)
+      table_.emplace(hooks_.table.path, hooks_.table.columns);
     if (hooks_.after_frame) hooks_.after_frame(frame);
     std::vector<std::string> rows;
     if (hooks_.rows && (table_ || stores_results())) rows = hooks_.rows(frame);
@@ -447,7 +476,12 @@ class Run {
     try {
       if (writer_ == nullptr) return;
       writer_->cancel();
-      if (writer_->written() > 0) sink_->finish();
+      if (writer_->written() == 0) return;
+      if (replaces_video_) {
+        log_warning("{}: is unchanged, because the new video is incomplete", flags_.output);
+      } else {
+        sink_->finish();
+      }
     } catch (const Error& error) {
       log_warning("{}", error.what());
     }
@@ -460,14 +494,17 @@ class Run {
   LinePrinter lines_;
   std::unique_ptr<Batch> batch_;  // null: not a batch
   std::optional<CsvTable> table_;
+  std::shared_ptr<const InputFiles> inputs_;
   std::unique_ptr<FrameSource> source_;
   std::unique_ptr<FrameSink> sink_;
   std::unique_ptr<Writer> writer_;
   WindowPointer window_;
   std::optional<ActionReader> actions_;
+  SinkKind sink_kind_ = SinkKind::kNone;
   bool live_ = false;
-  bool live_video_ = false;  // a live source written to a video file
-  double segment_s_ = 0;     // of a video's files
+  bool live_video_ = false;      // a live source written to a video file
+  bool replaces_video_ = false;  // an older file, by a video made from files
+  double segment_s_ = 0;         // of a video's files
   bool shows_progress_ = false;
   bool paused_ = false;
   bool finished_ = false;

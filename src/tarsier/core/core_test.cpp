@@ -47,7 +47,7 @@ TEST(Length, ParsesUnits) {
   EXPECT_DOUBLE_EQ(parse_length("0.5m", "--square"), 0.5);
   EXPECT_DOUBLE_EQ(parse_length(".05", "--square"), 0.05);
   for (const char* text : {"", "mm", "-5mm", "0mm", "5 mm", "5inch", "nan", "inf", "1e9m", "5mmm",
-                           "1e-400mm", "2mm\n"}) {
+                           "1e-400mm", "2mm\n", "25", "1"}) {
     EXPECT_THROW((void)parse_length(text, "--square"), UsageError) << text;
   }
 }

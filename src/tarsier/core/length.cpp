@@ -21,6 +21,10 @@ double parse_length(std::string_view text, std::string_view what) {
   if (unit.empty() || unit == "m") factor = 1;
   if (unit == "cm") factor = 1e-2;
   if (unit == "mm") factor = 1e-3;
+  if (error == std::errc{} && unit.empty() && value >= 1) {
+    throw UsageError(fmt::format("{} '{}' has no unit: write {}mm, {}cm or {}m", what,
+                                 printable(std::string(text.substr(0, 60))), text, text, text));
+  }
   const double length = value * factor;
   if (error != std::errc{} || !(length > 0 && length <= kMaxLength_m)) {
     throw UsageError(

@@ -131,7 +131,9 @@ Temporary make_temporary(const std::string& target, const struct ::stat* existin
     }
     if (errno != EEXIST) {
       const int error = errno;
-      if (error == ENOENT) fail_to_write(target, "no such folder", error);
+      if (error == ENOENT)
+        throw OutputError(target, fmt::format("the folder {} does not exist; create it first",
+                                              folder_of(target).string()));
       fail_to_write(target, "cannot create a file in this folder", error);
     }
   }

@@ -194,7 +194,7 @@ TEST_F(AtomicFileTest, ErrorsNameWhyATargetCannotBeWritten) {
     }
     return "written";
   };
-  EXPECT_THAT(reason(path("none/a")), HasSubstr("no such folder"));
+  EXPECT_THAT(reason(path("none/a")), HasSubstr("does not exist"));
   EXPECT_THAT(reason(folder_), HasSubstr("is a folder"));
   EXPECT_THAT(reason(path("a/")), HasSubstr("folder"));
   EXPECT_THAT(reason(""), HasSubstr("no file name"));

@@ -57,8 +57,8 @@ class ImageSink final : public FrameSink {
   ImageSink(std::string path, const SinkOptions& options)
       : path_(std::move(path)), options_(options) {
     if (options.many) {
-      throw UsageError(
-          path_ + ": is one image, and more are to come: name a folder instead (ending in '/')");
+      throw UsageError(path_ +
+                       ": one file cannot hold several images: name a folder (ending in '/')");
     }
     // Detects an error now, not after the work.
     const AtomicFile probe(path_);
@@ -67,8 +67,8 @@ class ImageSink final : public FrameSink {
   std::string write(const cv::Mat& image, const Frame&) override {
     require_writable_image(image);
     if (written_) {
-      throw UsageError(
-          path_ + ": is one image, and a second has come: name a folder instead (ending in '/')");
+      throw UsageError(path_ +
+                       ": one file cannot hold several images: name a folder (ending in '/')");
     }
     // A device or pipe has no extension that could name a format.
     const std::string ending = is_image_path(path_) ? lowercase_extension(path_) : ".png";
@@ -95,15 +95,15 @@ class FolderSink final : public FrameSink {
     if (::access(path_.c_str(), W_OK | X_OK) != 0) {
       throw OutputError(path_, "cannot write into this folder: " + errno_text(errno));
     }
+    if (!options_.inputs) return;
+    for (const std::string& input : options_.inputs->paths())
+      refuse_to_replace(fs::path(path_) / still_name(input));
   }
 
   std::string write(const cv::Mat& image, const Frame& source) override {
     require_writable_image(image);
     std::string target = (fs::path(path_) / unused_name(source)).string();
-    std::error_code ignored;
-    if (source.still && fs::equivalent(target, source.name, ignored)) {
-      throw OutputError(target, "would replace its own source: name another folder");
-    }
+    refuse_to_replace(target, source.still ? source.name : "");
     write_image(target, image, options_.jpeg_quality);
     ++count_;
     return target;
@@ -114,22 +114,35 @@ class FolderSink final : public FrameSink {
   }
 
  private:
-  // The source's base name; a number is added if two sources have the same name.
-  std::string unused_name(const Frame& source) {
-    std::string stem;
-    std::string ending = options_.folder_extension;
-    if (source.still) {
-      const fs::path path(source.name);
-      stem = path.stem().string().substr(0, 180);  // names end at 255 bytes
-      if (ending.empty() && is_image_path(source.name)) ending = path.extension().string();
-    } else {
-      stem = fmt::format("frame_{:06d}", source.index);
+  void refuse_to_replace(const fs::path& target, const std::string& source = {}) const {
+    std::error_code ignored;
+    if (fs::equivalent(target, source, ignored) ||
+        (options_.inputs && options_.inputs->contains(target.string()))) {
+      throw UsageError(target.string() +
+                       ": is an input and would be replaced; name another folder");
     }
+  }
+
+  // The output's name for an image of this path.
+  [[nodiscard]] fs::path still_name(const fs::path& source) const {
+    std::string stem = source.stem().string().substr(0, 180);  // names end at 255 bytes
     if (stem.empty()) stem = "image";
-    if (ending.empty()) ending = ".png";
-    std::string name = stem + ending;
-    for (int number = 2; !used_.insert(name).second; ++number)
-      name = fmt::format("{}-{}{}", stem, number, ending);
+    std::string ending = options_.folder_extension;
+    if (ending.empty() && is_image_path(source.string())) ending = source.extension().string();
+    return stem + (ending.empty() ? ".png" : ending);
+  }
+  [[nodiscard]] fs::path video_frame_name(std::int64_t index) const {
+    const std::string& ending = options_.folder_extension;
+    return fmt::format("frame_{:06d}{}", index, ending.empty() ? ".png" : ending);
+  }
+
+  // A number is added if two sources have the same name.
+  std::string unused_name(const Frame& source) {
+    const fs::path wanted = source.still ? still_name(source.name) : video_frame_name(source.index);
+    std::string name = wanted.string();
+    for (int number = 2; !used_.insert(name).second; ++number) {
+      name = fmt::format("{}-{}{}", wanted.stem().string(), number, wanted.extension().string());
+    }
     return name;
   }
 

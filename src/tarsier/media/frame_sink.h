@@ -3,6 +3,7 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/media/frame.h"
+#include "tarsier/media/input_files.h"
 
 #include <memory>
 #include <string>
@@ -50,6 +51,8 @@ struct SinkOptions {
   // s. Length of the files that a video is cut into: v-0001.mp4, v-0002.mp4 .. Numbers continue
   // after existing files. 0: one file.
   double segment_s = 0;
+  // Files that no image in a folder may replace.
+  std::shared_ptr<const InputFiles> inputs;
 
   [[nodiscard]] OptionFields fields() {
     return {{"fps", fps, above(0, 1000)},
@@ -73,7 +76,8 @@ struct SinkOptions {
 [[nodiscard]] SinkKind classify_sink(const std::string& text);
 
 // Opens `text` for writing. Throws OutputError (not writable, port in use) and UsageError (unknown
-// file extension, a non-loopback address without listen_all and token).
+// file extension, a non-loopback address without listen_all and token, a folder in which an image
+// would replace one of options.inputs).
 [[nodiscard]] std::unique_ptr<FrameSink> open_sink(const std::string& text,
                                                    const SinkOptions& options = {});
 

@@ -25,6 +25,7 @@
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <vector>
 
 namespace tarsier {
 namespace {
@@ -125,10 +126,33 @@ TEST_F(FrameSinkTest, FolderAcceptsAnExtension) {
   EXPECT_THROW((void)open_sink(path("out/"), options), std::invalid_argument);
 }
 
+// a/x.png and b/x.png are written as x.png and x-2.png; in b, x.png would replace an input.
+TEST_F(FrameSinkTest, FolderKeepsAllInputs) {
+  for (const char* folder : {"a", "b"}) fs::create_directory(path(folder));
+  for (const char* input : {"a/x.png", "b/x.png", "b/x-2.png"})
+    write_image(path(input), filled(4, 4, 1));
+  const auto open = [&](const char* folder, const std::vector<std::string>& inputs) {
+    SinkOptions options;
+    options.inputs = std::make_shared<const InputFiles>(inputs);
+    return open_sink(path(folder), options);
+  };
+  EXPECT_THROW((void)open("b", {path("a/x.png"), path("b/x.png")}), UsageError);
+  EXPECT_THROW((void)open("b", {path("b")}), UsageError);
+  const auto elsewhere = open("out", {path("a/x.png"), path("b")});
+  EXPECT_EQ(elsewhere->write(filled(4, 4, 2), still(path("a/x.png"))), path("out/x.png"));
+  fs::remove(path("b/x.png"));
+  fs::rename(path("b/x-2.png"), path("y.png"));
+  fs::create_symlink(path("y.png"), path("b/x-2.png"));
+  const auto linked = open("b", {path("y.png")});
+  EXPECT_EQ(linked->write(filled(4, 4, 2), still(path("a/x.png"))), path("b/x.png"));
+  EXPECT_THROW((void)linked->write(filled(4, 4, 2), still(path("a/x.png"))), UsageError)
+      << "x-2.png is another name of an input";
+}
+
 TEST_F(FrameSinkTest, DoesNotOverwriteSources) {
   write_image(path("a.png"), filled(4, 4, 200));
   const auto sink = open_sink(folder_);
-  EXPECT_THROW((void)sink->write(filled(4, 4, 1), still(path("a.png"))), OutputError);
+  EXPECT_THROW((void)sink->write(filled(4, 4, 1), still(path("a.png"))), UsageError);
   EXPECT_EQ(read_image(path("a.png")).at<cv::Vec3b>(0, 0)[0], 200);
 }
 

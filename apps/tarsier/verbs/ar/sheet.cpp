@@ -20,7 +20,7 @@ using Json = nlohmann::ordered_json;
 
 struct SheetFlags {
   std::string output;
-  std::string family = "6x6_250";
+  std::string family = "36h11";
   std::string ids = "0-9";
   std::string size = "50mm";
   std::string board;

@@ -2,6 +2,7 @@
 #include "tarsier/core/length.h"
 #include "tarsier/core/log.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/media/input_files.h"
 #include "tarsier/planar/image_targets/quality.h"
 #include "tarsier/planar/image_targets/target_io.h"
 #include "tarsier/planar/image_targets/train.h"
@@ -40,6 +41,9 @@ ExitStatus run_train_target(TargetTrainFlags& flags, Context& context) {
   flags.options.width = parse_length(flags.width, "--width");
   flags.options.seed = context.seed;
   flags.options.check();
+  const InputFiles input({flags.image});
+  input.refuse_output(flags.output);
+  input.refuse_output(flags.draw);
   const cv::Mat image = read_image(flags.image);
   const int shorter = std::min(image.cols, image.rows);
   if (shorter < 32 || shorter * 8 < std::max(image.cols, image.rows)) {

@@ -5,6 +5,7 @@
 #include "tarsier/core/log.h"
 #include "tarsier/geometry/camera_file.h"
 #include "tarsier/media/frame_source.h"
+#include "tarsier/media/input_files.h"
 
 #include <fmt/format.h>
 
@@ -13,6 +14,7 @@
 #include "framework/security_flags.h"
 #include "ui/planar/calibrate_session.h"
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 namespace tarsier::cli {
@@ -83,6 +85,19 @@ ExitStatus run_live(CalibrateFlags& flags, const planar::Calibrator& calibrator,
 
 // --- the verb ---
 
+void refuse_to_overwrite(const CalibrateFlags& flags) {
+  const InputFiles inputs(flags.run.inputs, input_schemes());
+  inputs.refuse_output(flags.output);
+  inputs.refuse_output(flags.csv);
+  for (const std::string& folder : {flags.draw, flags.undistorted}) {
+    if (folder.empty()) continue;
+    for (const std::string& path : inputs.paths()) {
+      const std::string name = std::filesystem::path(path).stem().string() + ".png";
+      inputs.refuse_output((std::filesystem::path(folder) / name).string());
+    }
+  }
+}
+
 ExitStatus run_calibrate(CalibrateFlags& flags, Context& context) {
   const bool live = is_session(flags);
   planar::CalibratorOptions options =
@@ -96,6 +111,7 @@ ExitStatus run_calibrate(CalibrateFlags& flags, Context& context) {
   options.every = flags.run.every;
   options.keep_images = !flags.draw.empty() || !flags.undistorted.empty();
   const auto calibrator = planar::Calibrator::load(options);
+  refuse_to_overwrite(flags);
   if (live) return run_live(flags, calibrator, context);
   const planar::CalibratorState state = find_boards(flags, calibrator, context);
   const std::string board = options.board.text();

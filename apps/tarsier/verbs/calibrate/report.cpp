@@ -164,7 +164,12 @@ void print_images(const CalibrationResult& result) {
 ExitStatus finish_calibration(const CalibrateFlags& flags, const CalibrationResult& result,
                               Context& context) {
   if (context.json) print_images(result);
-  if (!result.ok()) throw InputError(flags.run.inputs.front(), result.calibration.refusal);
+  if (!result.ok()) {
+    const std::vector<std::string>& inputs = flags.run.inputs;
+    throw InputError(
+        inputs.size() == 1 ? inputs.front() : fmt::format("these {} inputs", inputs.size()),
+        result.calibration.refusal);
+  }
   if (!flags.output.empty()) {
     const auto format = flags.format == "opencv"   ? geometry::CameraFormat::kOpencv
                         : flags.format == "colmap" ? geometry::CameraFormat::kColmap

@@ -15,7 +15,7 @@ struct ScaleFlags {
   double distance = 0;
   std::vector<std::string> distance_between;
   std::string marker_size;
-  std::string marker_family = "4x4_50";
+  std::string marker_family = "36h11";
 };
 
 void add_scale_flags(Command& verb, ScaleFlags& flags, std::string_view group);
