@@ -23,7 +23,7 @@ die() { # die STATUS TEXT
   printf 'get-model.sh: error: %s\n' "$*" >&2
   exit "$status"
 }
-usage() { sed -n 's/^# \{0,1\}//; 3,14p' "${BASH_SOURCE[0]}"; }
+usage() { sed -n 's/^# \{0,1\}//; 3,13p' "${BASH_SOURCE[0]}"; }
 
 case ${1:-} in
   face-embedding) network=face_recognition_model use='people enroll --template deep, people train --template deep' ;;

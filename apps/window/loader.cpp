@@ -76,7 +76,9 @@ const Module& module() {
   static const Module loaded = [] {
     // Checked before the toolkit is loaded: a missing display is common over ssh.
     if (!is_set("DISPLAY") && !is_set("WAYLAND_DISPLAY")) {
-      fail("no display: DISPLAY is not set; give -o OUT, or run on a desktop");
+      fail(
+          "no display: DISPLAY is not set; run on a desktop or in a browser (tarsier serve), or "
+          "give -o OUT");
     }
     Module result = load();
     result.check_display();

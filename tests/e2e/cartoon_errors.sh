@@ -110,6 +110,6 @@ else
 fi
 
 # Nowhere to show it.
-expect_failure 3 'no display: DISPLAY is not set; give -o OUT' $good
+expect_failure 3 'no display: DISPLAY is not set; .*give -o OUT' $good
 DISPLAY=:77 expect_failure 3 'no display: .*:77' $good --window
 finish

@@ -35,6 +35,10 @@ expect_no_out
 expect_no_err
 [ "$(head -c 2 quiet.jpg | od -An -tx1 | tr -d ' ')" = ffd8 ] || fail "quiet.jpg is no JPEG"
 
+# An image from another program.
+cat $samples/home.jpg | "$TARSIER" cartoon run /dev/stdin --mode sketch -o piped.png --quiet
+cmp -s piped.png sketch.png || fail "an image on stdin gives another output"
+
 # The reference draws what the fast way draws.
 run cartoon run $samples/home.jpg --mode sketch --quality reference -o reference.png
 expect_status 0

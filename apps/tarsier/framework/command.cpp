@@ -8,6 +8,7 @@
 #include "flag_info.h"
 #include "parse.h"
 #include <algorithm>
+#include <cstdio>
 #include <sstream>
 #include <type_traits>
 #include <utility>
@@ -364,6 +365,29 @@ Command* Command::find(std::string_view name) {
   return const_cast<Command*>(std::as_const(*this).find(name));
 }
 
+namespace {
+
+// CLI11's messages about the number of values, as sentences:
+// "--a: 1 required TEXT missing", "--a: At Most 1 required but received 2", "--a: At least 2 ..".
+std::string plain_message(const std::string& text) {
+  const std::size_t colon = text.find(": ");
+  if (colon == std::string::npos) return text;
+  const std::string name = text.substr(0, colon);
+  const std::string rest = text.substr(colon + 2);
+  int expected = 0;
+  int received = 0;
+  if (std::sscanf(rest.c_str(), "At Most %d required but received %d", &expected, &received) == 2)
+    return fmt::format("{}: at most {} allowed, but {} given", name, expected, received);
+  if (std::sscanf(rest.c_str(), "At least %d required but received %d", &expected, &received) == 2)
+    return fmt::format("{}: {} values needed, but {} given", name, expected, received);
+  if (rest.ends_with(" missing") && std::sscanf(rest.c_str(), "%d required", &expected) == 1)
+    return expected == 1 ? name + " needs a value"
+                         : fmt::format("{} needs {} values", name, expected);
+  return text;
+}
+
+}  // namespace
+
 Command::Parsed Command::parse(std::vector<std::string> words) {
   for (const Command* chosen = match_command(*this, words).command; chosen != nullptr;
        chosen = chosen->parent())
@@ -377,7 +401,7 @@ Command::Parsed Command::parse(std::vector<std::string> words) {
   } catch (const CLI::CallForVersion&) {
     parsed.outcome = Outcome::kVersion;
   } catch (const CLI::ParseError& error) {
-    throw UsageError(error.what());
+    throw UsageError(plain_message(error.what()));
   }
   parsed.command = this;
   for (const CLI::App* app = parts_->app; !app->get_subcommands().empty();) {

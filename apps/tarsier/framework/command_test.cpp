@@ -224,7 +224,11 @@ TEST(Flag, ChecksRequiredExcludesAndNeeds) {
     Command& verb = root.add_subcommand("verb", "");
     std::string name;
     bool a = false, b = false, c = false;
+    std::string text;
+    std::vector<double> pair;
     verb.add_option("NAME", name).required();
+    verb.add_option("--text", text);
+    verb.add_option("--pair", pair).expected(2);
     Flag& first = verb.add_flag("--first", a);
     verb.add_flag("--second", b).excludes(first);
     verb.add_flag("--third", c).needs(first);
@@ -243,6 +247,9 @@ TEST(Flag, ChecksRequiredExcludesAndNeeds) {
   EXPECT_THAT(error({}), HasSubstr("NAME is required"));
   EXPECT_EQ(error({"Ann", "--second", "--first"}), "--first excludes --second");
   EXPECT_EQ(error({"Ann", "--third"}), "--third requires --first");
+  EXPECT_EQ(error({"Ann", "--text"}), "--text needs a value");
+  EXPECT_EQ(error({"Ann", "--text", "a", "--text", "b"}), "--text: at most 1 allowed, but 2 given");
+  EXPECT_EQ(error({"Ann", "--pair", "1"}), "--pair: 2 values needed, but 1 given");
 }
 
 TEST(Flag, DescribeReturnsTypeDefaultRangeAndGroup) {

@@ -94,11 +94,11 @@ class Run {
       throw InputError(flags_.inputs.front(), "delivered no image");
     }
     if (!flags_.output.empty() && sink_ != nullptr) {
-      const double seconds = watch.seconds();
-      log_info(
-          "{} {} to {} in {:.1f} s", processed_, processed_ == 1 ? "image" : "images",
-          classify_sink(flags_.output) == SinkKind::kHttp ? masked(flags_.output) : flags_.output,
-          seconds);
+      const std::string target = sink_kind_ == SinkKind::kNone   ? ""
+                                 : sink_kind_ == SinkKind::kHttp ? " to " + masked(flags_.output)
+                                                                 : " to " + flags_.output;
+      log_info("{} {}{} in {:.1f} s", processed_, processed_ == 1 ? "image" : "images", target,
+               watch.seconds());
     }
     return ExitStatus::kDone;
   }

@@ -112,6 +112,10 @@ SourceKind classify_on_disk(const std::string& path, const fs::file_status& stat
       return SourceKind::kFolder;
     case fs::file_type::regular:
       return classify_file(path);
+    case fs::file_type::fifo:
+      // An image from another program: /dev/stdin. A pipe with a name may never get a writer.
+      if (path.starts_with("/dev/")) return SourceKind::kImage;
+      [[fallthrough]];
     default:
       throw InputError(path, "is neither a file, nor a folder, nor a camera");
   }

@@ -44,7 +44,7 @@ std::string program_folder() {
 
 ModelStore::ModelStore(std::string folder) : folder_(std::move(folder)) {
   std::error_code error;
-  if (!fs::is_directory(folder_, error)) throw InputError(folder_, "no such folder of models");
+  if (!fs::is_directory(folder_, error)) throw ModelError(folder_, "no such folder of models");
 }
 
 ModelStore ModelStore::find(const std::string& folder) {

@@ -108,13 +108,13 @@ TEST_F(Models, WithoutAFolderNoModelIsFound) {
 TEST_F(Models, TheNamedFolderPrecedesTheEnvironmentAndTheShippedOne) {
   ::setenv("TARSIER_MODELS", "/nowhere", 1);
   EXPECT_EQ(ModelStore::find(folder()).folder(), folder());
-  EXPECT_THAT(failure_of<InputError>([] { static_cast<void>(ModelStore::find()); }),
+  EXPECT_THAT(failure_of<ModelError>([] { static_cast<void>(ModelStore::find()); }),
               HasSubstr("/nowhere: no such folder of models"));
   ::setenv("TARSIER_MODELS", folder().c_str(), 1);
   EXPECT_EQ(ModelStore::find().folder(), folder());
   ::setenv("TARSIER_MODELS", "", 1);  // as if it were not set
   EXPECT_NE(ModelStore::find().folder(), folder());
-  EXPECT_THAT(failure_of<InputError>([] { static_cast<void>(ModelStore::find("/nowhere")); }),
+  EXPECT_THAT(failure_of<ModelError>([] { static_cast<void>(ModelStore::find("/nowhere")); }),
               HasSubstr("/nowhere: no such folder of models"));
 }
 

@@ -140,7 +140,7 @@ ExitStatus explore(ExploreFlags& flags, Context& context) {
     if (context.json)
       print_json(nlohmann::ordered_json{{"output", flags.grid}, {"modes", flags.modes}});
     else if (!context.quiet)
-      print_text(fmt::format("{}: {} modes of shape and of look\n", flags.grid, flags.modes));
+      print_text(fmt::format("{}: {} modes of shape and of texture\n", flags.grid, flags.modes));
     if (flags.output.empty() && !flags.window) return ExitStatus::kDone;
   }
   std::optional<ExploredImage> image;
@@ -164,7 +164,7 @@ void add_flags(Command& verb, ExploreFlags& flags) {
   verb.add_option("-o,--output", flags.output, "output image instead of a window");
   verb.add_option("--grid", flags.grid,
                   "output image of the modes at -3 .. 3 standard deviations, and of random faces");
-  verb.add_option("--modes", flags.modes, "--grid: number of shape modes, and of look modes")
+  verb.add_option("--modes", flags.modes, "--grid: number of modes of shape, and of texture")
       .check(range(1, 50))
       .show_default();
   verb.add_option("--cell", flags.cell, "--grid: side of a face, px")

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
 #include "tarsier/face/people/collector.h"
@@ -12,6 +13,7 @@
 #include "verbs/people/engine.h"
 #include "verbs/people/people.h"
 #include <algorithm>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -151,6 +153,10 @@ class Enrolment {
 };
 
 ExitStatus enroll(EnrollFlags& flags, Context& context) {
+  std::error_code ignored;
+  if (std::filesystem::is_regular_file(flags.name, ignored)) {
+    throw UsageError(flags.name + ": is a file; the name comes first: people enroll NAME INPUT..");
+  }
   face::people::check_name(flags.name);
   face::people::check_note(flags.note);
   // Nothing is written if a requested model is missing.

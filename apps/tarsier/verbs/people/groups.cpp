@@ -51,7 +51,7 @@ ExitStatus group_faces(const GroupFlags& flags, Context& context) {
                 {"groups", report.groups},
                 {"threshold", rounded(report.threshold, 4)}});
   } else {
-    print_text(fmt::format("{} unknown faces placed, {} new groups, {} merged: {} groups now\n",
+    print_text(fmt::format("unknown faces placed: {}; groups: {} new, {} merged, {} now\n",
                            report.assigned, report.new_groups, report.merged, report.groups));
   }
   return report.groups > 0 ? ExitStatus::kDone : ExitStatus::kNothingFound;

@@ -252,8 +252,8 @@ ExitStatus make_heads(PoseSynthFlags& flags, Context& context) {
   write_file_atomically((folder / "truth.jsonl").string(), lines);
   face::shape::write_landmark_set((folder / "set.json").string(), set, folder.string());
   if (!context.json && !context.quiet)
-    print_text(fmt::format("{}: {} images of {} faces that nobody has\n", flags.output, flags.count,
-                           people));
+    print_text(
+        fmt::format("{}: {} images of {} synthetic people\n", flags.output, flags.count, people));
   return ExitStatus::kDone;
 }
 

@@ -17,6 +17,7 @@
 #include "verbs/sfm/memory_flag.h"
 #include "verbs/sfm/scale_flags.h"
 #include "verbs/sfm/sfm.h"
+#include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -70,12 +71,13 @@ std::string summary_text(const sfm::SurfaceResult& result) {
       result.views + result.views_without);
   text += fmt::format("extent {:.4g} x {:.4g} x {:.4g}, area {:.5g}, ", extent[0], extent[1],
                       extent[2], m.area);
-  text += m.volume ? fmt::format("closed: volume {:.5g}\n", *m.volume)
+  text += m.volume ? fmt::format("closed: volume {:.5g}\n", std::abs(*m.volume))
                    : fmt::format("open: {} hole{}, total boundary length {:.4g}\n", m.holes,
                                  m.holes == 1 ? "" : "s", m.hole_length);
   if (const auto& texture = result.surface.texture)
-    text += fmt::format("texture {}x{}, {} charts, {:.3g} of the images' resolution\n",
-                        texture->image.cols, texture->image.rows, texture->charts, texture->scale);
+    text +=
+        fmt::format("texture {}x{}, {} charts, at {:.3g} of the full resolution of the images\n",
+                    texture->image.cols, texture->image.rows, texture->charts, texture->scale);
   return text;
 }
 

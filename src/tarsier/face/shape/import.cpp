@@ -326,10 +326,12 @@ Imported import_landmarks(const std::string& input, const ImportOptions& options
   }
   LandmarkSet& set = imported.set;
   if (set.samples.empty()) {
-    throw InputError(input, imported.skipped.empty()
-                                ? "no annotation found"
-                                : fmt::format("nothing left of {} ({})", imported.skipped.size(),
-                                              imported.skipped.front()));
+    throw InputError(input,
+                     imported.skipped.empty()
+                         ? "no annotation found: expected a set of landmarks, or images with "
+                           ".pts files beside them"
+                         : fmt::format("nothing left of {} ({})", imported.skipped.size(),
+                                       imported.skipped.front()));
   }
   if (auto markup = known_markup(set.points())) {
     if (set.mirror.empty()) set.mirror = std::move(markup->mirror);
