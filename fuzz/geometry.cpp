@@ -3,6 +3,7 @@
 #include "tarsier/geometry/camera_file.h"
 #include "tarsier/geometry/opencv_storage.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/planar/markers/board.h"
 #include "tarsier/planar/markers/evaluation.h"
 #include "tarsier/render/obj_io.h"
 
@@ -23,6 +24,18 @@ TARSIER_FUZZ_TARGET(camera_file, kBytes) {
   expect(back.fx == camera.fx && back.cy == camera.cy && back.width == camera.width,
          "a camera changes when it is written");
   (void)geometry::read_camera_file(path, {.opencv_is_fisheye = true});
+}
+
+TARSIER_FUZZ_TARGET(marker_board, kBytes) {
+  using planar::markers::MarkerBoard;
+  const MarkerBoard board =
+      planar::markers::parse_marker_board(std::string(text_of(input)), "board.json");
+  const std::string copy = scratch_folder() + "/board.json";
+  planar::markers::write_marker_board(copy, board);
+  const MarkerBoard back = planar::markers::read_marker_board(copy);
+  expect(back.markers.size() == board.markers.size() &&
+             back.markers.front().center == board.markers.front().center,
+         "a board changes when it is written");
 }
 
 TARSIER_FUZZ_TARGET(opencv_storage, kBytes) {

@@ -53,6 +53,28 @@ expect_out 'markers? \[[0-9]+: [0-9.]+ m away'
 head -1 table.csv | grep -q '^frame,time,image,id,x,y,z,rx,ry,rz,error_px,ambiguity,x0,y0' || fail "heading of table.csv"
 [ "$(wc -l <table.csv)" -gt 6 ] || fail "table.csv has $(wc -l <table.csv) lines"
 
+# A printed sheet as a board: one pose of all its markers, also where some are hidden.
+run ar marker-sheet --ids 0-7 --size 40mm --dpi 100 -o sheet.png --layout sheet.json
+expect_status 0
+run ar markers sheet.png --board sheet.json --focal 900 --json
+expect_status 0
+expect_out '"board":\{"markers":8,"rvec":\[' '"tvec":\['
+run ar markers sheet.png --board sheet.json --focal 900 --draw cube -o with_cube.png
+expect_status 0
+expect_out '8 markers \[board: 0\.23'
+cmp -s sheet.png with_cube.png && fail 'nothing is drawn on the board'
+run ar markers sheet.png --board sheet.json --size 40mm
+expect_status 2
+expect_error 'excludes'
+echo '{"family": "36h11"}' >no_board.json
+run ar markers sheet.png --board no_board.json
+expect_status 3
+expect_error 'no_board.json: is not a board of markers: expected "family"'
+run ar marker-sheet --ids 0-99 --size 40mm -o x.png --layout x.json
+expect_status 2
+expect_error 'do not fit one page'
+[ ! -e x.json ] || fail 'a refused sheet left a layout'
+
 # What is drawn.
 cat >thing.obj <<'END'
 mtllib thing.mtl

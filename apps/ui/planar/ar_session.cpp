@@ -29,6 +29,7 @@ const cv::Scalar kOutlineColor(60, 220, 60);
 const cv::Scalar kFirstCornerColor(40, 40, 240);
 constexpr double kMessage_s = 3;
 constexpr int kMaxListed = 12;
+constexpr int kBoardKey = -1;  // other keys are ids of markers
 
 // The families that the key cycles through.
 const std::vector<std::string>& common_families() {
@@ -37,13 +38,13 @@ const std::vector<std::string>& common_families() {
   return names;
 }
 
-double distance_of(const TrackedMarker& marker) {
-  return marker.pose->camera_from_marker.translation.norm();
+double distance_of(const planar::markers::MarkerPose& pose) {
+  return pose.camera_from_marker.translation.norm();
 }
 
 // Angle in degrees between the sheet's normal and the line of sight.
-double tilt_of(const TrackedMarker& marker) {
-  const geometry::Rigid3& pose = marker.pose->camera_from_marker;
+double tilt_of(const planar::markers::MarkerPose& marker) {
+  const geometry::Rigid3& pose = marker.camera_from_marker;
   const Eigen::Vector3d normal = pose.rotation * Eigen::Vector3d(0, 0, 1);
   const double cosine = -normal.dot(pose.translation.normalized());
   return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / CV_PI;
@@ -112,6 +113,7 @@ void ArSession::next_family() {
   const auto& names = common_families();
   const auto at = std::find(names.begin(), names.end(), tracker_.families().front()->name());
   planar::MarkerTrackerOptions options = tracker_.options();
+  options.board.reset();  // it has one family
   options.families = {at == names.end() || std::next(at) == names.end() ? names.front()
                                                                         : *std::next(at)};
   change(options, true);
@@ -154,6 +156,10 @@ void ArSession::draw_outlines(cv::Mat& image) const {
 
 void ArSession::draw(cv::Mat& image) {
   std::vector<planar::augment::Sheet> sheets;
+  if (result_.board) {
+    sheets.push_back({kBoardKey, result_.board->camera_from_marker,
+                      tracker_.options().board->markers.front().size});
+  }
   std::map<int, int> seen;  // count per id: two markers of one id get different keys
   for (const TrackedMarker& posed : result_.markers) {
     if (!posed.pose) continue;
@@ -170,13 +176,18 @@ void ArSession::draw_shown(cv::Mat& image) {
   if (!list_) return;
   std::string text;
   int listed = 0;
+  if (result_.board) {
+    text += fmt::format("board: {:.3f} m, {:.0f} deg\n", distance_of(*result_.board),
+                        tilt_of(*result_.board));
+  }
   for (const TrackedMarker& posed : result_.markers) {
+    if (tracker_.options().board) break;  // the markers have no poses of their own
     if (++listed > kMaxListed) {
       text += fmt::format("and {} more", result_.markers.size() - kMaxListed);
       break;
     }
     text += posed.pose ? fmt::format("{}: {:.3f} m, {:.0f} deg\n", posed.marker.id,
-                                     distance_of(posed), tilt_of(posed))
+                                     distance_of(*posed.pose), tilt_of(*posed.pose))
                        : fmt::format("{}: no pose\n", posed.marker.id);
   }
   if (text.empty()) text = "no markers\n";
@@ -198,7 +209,7 @@ nlohmann::json ArSession::state() const {
   nlohmann::json distances = nlohmann::json::array();
   for (const TrackedMarker& posed : result_.markers) {
     ids.push_back(posed.marker.id);
-    distances.push_back(posed.pose ? nlohmann::json(rounded_to_steps(distance_of(posed), 1e4))
+    distances.push_back(posed.pose ? nlohmann::json(rounded_to_steps(distance_of(*posed.pose), 1e4))
                                    : nullptr);
   }
   nlohmann::json state = {{"markers", result_.markers.size()},
@@ -210,6 +221,11 @@ nlohmann::json ArSession::state() const {
                           {"smooth", tracker_.options().track.smooth},
                           {"list", list_},
                           {"family", families()}};
+  if (tracker_.options().board) {
+    state["board_m"] = result_.board
+                           ? nlohmann::json(rounded_to_steps(distance_of(*result_.board), 1e4))
+                           : nullptr;
+  }
   if (!saved_.empty()) state["saved"] = saved_;
   return state;
 }

@@ -25,7 +25,7 @@ struct ArSessionOptions {
 // list of markers with their distances; f the next family; w saves the image; space pauses, for
 // example to try other objects on one image; h help; q or Esc quits.
 // State: {"markers": number, "ids": [..], "distance_m": [..], "draw", "outlines", "shadow",
-// "smooth", "list", "family", "saved", "paused"}.
+// "smooth", "list", "family", "saved", "paused"}; with a board: "board_m": its distance or null.
 class ArSession final : public FrameSession {
  public:
   // on_frame() throws InputError if the camera was calibrated for images of another aspect ratio.

@@ -331,7 +331,7 @@ inline constexpr auto kWordOrInputFlags = std::to_array<std::string_view>(
 
 inline constexpr auto kOutputFlags = std::to_array<std::string_view>(
     {"--cmc", "--convergence", "--crops", "--csv", "--corrections", "--debug-dir", "--grid",
-     "--jsonl", "--online-view", "--output", "--roc", "--save-dir", "--undistorted"});
+     "--jsonl", "--layout", "--online-view", "--output", "--roc", "--save-dir", "--undistorted"});
 
 inline constexpr auto kStateFlags =
     std::to_array<std::string_view>({"--gallery", "--log", "--watch"});
@@ -394,6 +394,7 @@ inline constexpr auto kFlagExceptions = std::to_array<FlagException>({
     {"people list", "--faces", FlagKind::kFreeText},
     {"people list", "--draw", FlagKind::kOutput},
     {"plate log", "--crops", FlagKind::kOutput},  // for other verbs a port that serves them
+    {"ar markers", "--board", FlagKind::kInput},
     {"ar target-train", "--draw", FlagKind::kOutput},
     {"pose track", "--draw", FlagKind::kWordOrInput},  // glasses, or an .obj file
     {"aam explore", "--mesh", FlagKind::kValue},

@@ -30,6 +30,7 @@ struct MarkersFlags {
   RunFlags run;
   std::string family = "36h11";
   std::string size = "50mm";
+  std::string board;
   std::string camera;
   std::string backend = "own";
   std::string draw = "ids";
@@ -78,6 +79,10 @@ planar::MarkerTracker tracker_of(const MarkersFlags& flags) {
   planar::MarkerTrackerOptions options = flags.tracker;
   options.families = {flags.family};
   options.side = parse_length(flags.size, "--size");
+  if (!flags.board.empty()) {
+    options.board = planar::markers::read_marker_board(flags.board);
+    options.families = {options.board->family};
+  }
   if (flags.backend == "opencv") options.detector = planar::MarkerDetector::kOpencv;
   options.track.smooth = flags.smooth != "none";
   if (!flags.camera.empty()) options.camera = camera_of(flags.camera);
@@ -99,11 +104,12 @@ ArSessionOptions drawing_of(const MarkersFlags& flags) {
   return options;
 }
 
-std::string line_of(const planar::TrackedMarker& posed) {
-  if (!posed.pose) return fmt::format(" [{}: no pose]", posed.marker.id);
-  const Eigen::Vector3d& t = posed.pose->camera_from_marker.translation;
-  return fmt::format(" [{}: {:.3f} m away, at {:+.3f} {:+.3f} {:+.3f}]", posed.marker.id, t.norm(),
-                     t[0], t[1], t[2]);
+std::string line_of(const std::string& name,
+                    const std::optional<planar::markers::MarkerPose>& pose) {
+  if (!pose) return fmt::format(" [{}: no pose]", name);
+  const Eigen::Vector3d& t = pose->camera_from_marker.translation;
+  return fmt::format(" [{}: {:.3f} m away, at {:+.3f} {:+.3f} {:+.3f}]", name, t.norm(), t[0], t[1],
+                     t[2]);
 }
 
 ExitStatus run_markers(MarkersFlags& flags, Context& context) {
@@ -134,8 +140,12 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
     if (frame.still && !context.json && !context.quiet) {
       const std::size_t count = session.result().markers.size();
       print_text(fmt::format("{}: {} {}", frame.name, count, count == 1 ? "marker" : "markers"));
-      for (const planar::TrackedMarker& posed : session.result().markers)
-        print_text(line_of(posed));
+      if (tracker.options().board) {
+        print_text(line_of("board", session.result().board));
+      } else {
+        for (const planar::TrackedMarker& posed : session.result().markers)
+          print_text(line_of(std::to_string(posed.marker.id), posed.pose));
+      }
       print_text("\n");
     }
   };
@@ -157,11 +167,16 @@ ExitStatus run_markers(MarkersFlags& flags, Context& context) {
 
 void add_flags(Command& verb, MarkersFlags& flags) {
   add_run_flags(verb, flags.run);
-  verb.add_option("--family", flags.family,
-                  "aruco-original (orig), 4x4_50 .. 7x7_1000, 16h5, 25h9, 36h10, 36h11")
-      .show_default();
-  verb.add_option("--size", flags.size, "side of the markers' black frame: 50mm, 0.05")
-      .show_default();
+  Flag& family =
+      verb.add_option("--family", flags.family,
+                      "aruco-original (orig), 4x4_50 .. 7x7_1000, 16h5, 25h9, 36h10, 36h11");
+  family.show_default();
+  Flag& size = verb.add_option("--size", flags.size, "side of the markers' black frame: 50mm");
+  size.show_default();
+  verb.add_option("--board", flags.board,
+                  "places of markers on one sheet (`ar marker-sheet --layout`): one common pose")
+      .excludes(family)
+      .excludes(size);
   Flag& camera = verb.add_option("--camera", flags.camera,
                                  "camera file of `calibrate`, or fx,fy,cx,cy[,k1,k2,p1,p2[,k3]]");
   verb.add_option("--focal", flags.tracker.focal_px, "focal length, px [the longer image side]")

@@ -28,6 +28,7 @@ struct SheetFlags {
   std::string page = "a4";
   std::string margin = "10mm";
   double dpi = 600;
+  std::string layout;
 };
 
 double millimetres(const std::string& text, const char* flag) {
@@ -68,6 +69,11 @@ ExitStatus run_sheet(const SheetFlags& flags, Context& context) {
     const std::vector<int> ids = planar::sheets::parse_ids(flags.ids, flags.family);
     const double size = millimetres(flags.size, "--size");
     pages = planar::sheets::marker_pages(flags.family, ids, size, options);
+    if (!flags.layout.empty()) {
+      planar::markers::write_marker_board(
+          flags.layout, planar::sheets::board_of_page(flags.family, ids, size, options));
+      line["layout"] = flags.layout;
+    }
     title = fmt::format("markers {} {}", family.name(), flags.size);
     line["family"] = family.name();
     line["ids"] = ids;
@@ -106,6 +112,9 @@ void add_flags(Command& verb, SheetFlags& flags) {
   board.excludes(family).excludes(ids).excludes(size);
   verb.add_option("--square", flags.square, "board: side of a square, or distance of dots")
       .needs(board);
+  verb.add_option("--layout", flags.layout,
+                  "output file with the places of the markers, for `ar markers --board`")
+      .excludes(board);
   verb.add_option("--page", flags.page, "a3, a4, a5, letter, legal or 200x300mm")
       .suggest({"a3", "a4", "a5", "letter", "legal"})
       .show_default();

@@ -16,13 +16,6 @@ std::vector<cv::Point2d> pixels_of(const Quad& quad) {
   return pixels;
 }
 
-double ambiguity_of(const geometry::PlanarPose& pose,
-                    const std::optional<geometry::PlanarPose>& other) {
-  if (!other) return 0;
-  const auto [less, more] = std::minmax(pose.misfit, other->misfit);
-  return std::max(less, 1e-9) / std::max(more, 1e-9);
-}
-
 MarkerPose pose_of(const geometry::PlanarPoses& poses) {
   return {poses.best.camera_from_plane, poses.best.rms_px, poses.other,
           ambiguity_of(poses.best, poses.other)};
@@ -59,6 +52,13 @@ PoseTracks::Track& track_of(const Marker& marker, double time,
 
 }  // namespace
 
+double ambiguity_of(const geometry::PlanarPose& pose,
+                    const std::optional<geometry::PlanarPose>& other) {
+  if (!other) return 0;
+  const auto [less, more] = std::minmax(pose.misfit, other->misfit);
+  return std::max(less, 1e-9) / std::max(more, 1e-9);
+}
+
 std::vector<cv::Point2d> corners_on_marker(double size) {
   TARSIER_REQUIRE(size > 0 && std::isfinite(size), "a marker {} m wide", size);
   const double half = size / 2;
@@ -83,28 +83,6 @@ std::vector<PosedMarker> pose_markers(std::vector<Marker> markers, double size,
     posed.push_back({std::move(marker), std::move(pose)});
   }
   return posed;
-}
-
-std::optional<MarkerPose> pose_of_board(std::span<const Marker> markers,
-                                        std::span<const BoardMarker> board,
-                                        const geometry::Camera& camera) {
-  std::vector<cv::Point2d> on_board;
-  std::vector<cv::Point2d> pixels;
-  for (const Marker& marker : markers) {
-    const auto place = std::find_if(board.begin(), board.end(),
-                                    [&](const BoardMarker& b) { return b.id == marker.id; });
-    if (place == board.end()) continue;
-    const double c = std::cos(place->rotation);
-    const double s = std::sin(place->rotation);
-    for (const cv::Point2d& p : corners_on_marker(place->size))
-      on_board.push_back(place->center + cv::Point2d(c * p.x - s * p.y, s * p.x + c * p.y));
-    const auto seen = pixels_of(marker.corners);
-    pixels.insert(pixels.end(), seen.begin(), seen.end());
-  }
-  if (on_board.empty()) return std::nullopt;
-  const auto poses = geometry::planar_poses(on_board, pixels, camera);
-  if (!poses) return std::nullopt;
-  return pose_of(*poses);
 }
 
 std::vector<PosedMarker> track_markers(std::vector<Marker> markers, double size,

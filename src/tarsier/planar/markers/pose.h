@@ -30,6 +30,10 @@ struct PosedMarker {
   std::optional<MarkerPose> pose;  // empty if the corners have no pose, or if the size is not known
 };
 
+// MarkerPose::ambiguity of two solutions.
+[[nodiscard]] double ambiguity_of(const geometry::PlanarPose& pose,
+                                  const std::optional<geometry::PlanarPose>& other);
+
 // The corners, in its frame, of a marker `size` m wide: top left first, clockwise.
 [[nodiscard]] std::vector<cv::Point2d> corners_on_marker(double size);
 
@@ -41,20 +45,6 @@ struct PosedMarker {
 // The poses of all markers of one image, independently.
 [[nodiscard]] std::vector<PosedMarker> pose_markers(std::vector<Marker> markers, double size,
                                                     const geometry::Camera& camera);
-
-// A marker of a board: its id and the pose of its frame in the board's frame (z out of the sheet,
-// all markers in the plane z = 0).
-struct BoardMarker {
-  int id = 0;
-  cv::Point2d center;   // m
-  double rotation = 0;  // radians, anticlockwise
-  double size = 0;      // m
-};
-// One pose, camera from board, from all detected markers of the board. It is much more stable than
-// the pose of a single marker. Empty if no marker of the board was detected.
-[[nodiscard]] std::optional<MarkerPose> pose_of_board(std::span<const Marker> markers,
-                                                      std::span<const BoardMarker> board,
-                                                      const geometry::Camera& camera);
 
 // Poses in a video, one track per marker. Starts empty. It holds for one size of markers; another
 // size restarts it.

@@ -2,6 +2,7 @@
 #include "tarsier/planar/markers/pose.h"
 
 #include "tarsier/planar/markers/detector.h"
+#include "tarsier/planar/markers/testing_pose.h"
 #include "tarsier/synth/planar_worlds.h"
 
 #include <gtest/gtest.h>
@@ -14,33 +15,6 @@
 
 namespace tarsier::planar::markers {
 namespace {
-
-// The marker's z axis points to the camera.
-const Eigen::Matrix3d kFacing = Eigen::Vector3d(1, -1, -1).asDiagonal();
-
-double degrees_between(const geometry::Rigid3& a, const geometry::Rigid3& b) {
-  return geometry::angle_of(a.rotation * b.rotation.transpose()) * 180 / CV_PI;
-}
-
-geometry::Camera test_camera() {
-  geometry::Camera camera;
-  camera.width = 640;
-  camera.height = 480;
-  camera.fx = camera.fy = 600;
-  camera.cx = 319.5;
-  camera.cy = 239.5;
-  return camera;
-}
-
-Quad seen(const geometry::Rigid3& pose, double size, const geometry::Camera& camera) {
-  Quad quad;
-  const auto corners = corners_on_marker(size);
-  for (std::size_t k = 0; k < 4; ++k) {
-    const auto p = camera.project(pose * Eigen::Vector3d(corners[k].x, corners[k].y, 0)).value();
-    quad[k] = {p.x, p.y};
-  }
-  return quad;
-}
 
 TEST(MarkerPose, FrameIsUprightAndOutOfTheSheet) {
   // Frontal view: the camera's y axis points down, the marker's y axis up, and its z axis to the
@@ -55,41 +29,6 @@ TEST(MarkerPose, FrameIsUprightAndOutOfTheSheet) {
   EXPECT_LT(degrees_between(pose->camera_from_marker, truth), 1e-3);
   EXPECT_LT((pose->camera_from_marker.translation - truth.translation).norm(), 1e-9);
   EXPECT_THROW((void)pose_of_marker(marker, 0, test_camera()), std::invalid_argument);
-}
-
-TEST(MarkerPose, BoardIsMoreAccurateThanItsMarkers) {
-  const geometry::Camera camera = test_camera();
-  const geometry::Rigid3 truth{
-      Eigen::Matrix3d{
-          {1, 0, 0}, {0, -std::cos(0.5), -std::sin(0.5)}, {0, std::sin(0.5), -std::cos(0.5)}},
-      {0.01, 0.02, 0.6}};
-  std::vector<BoardMarker> board;
-  std::vector<Marker> markers;
-  for (int id = 0; id < 6; ++id) {
-    const BoardMarker place{
-        id, {0.05 * (id % 3) - 0.05, 0.05 * (id / 3)}, id == 2 ? 1.0 : 0.0, 0.04};
-    board.push_back(place);
-    const geometry::Rigid3 on_board{geometry::rotation_by({0, 0, place.rotation}),
-                                    {place.center.x, place.center.y, 0}};
-    Marker marker;
-    marker.id = id;
-    marker.corners = seen(truth * on_board, 0.04, camera);
-    for (std::size_t k = 0; k < 4; ++k)
-      marker.corners[k] += Eigen::Vector2d(0.3 * std::sin(7 * id + 3.0 * static_cast<double>(k)),
-                                           0.3 * std::cos(5 * id + 2.0 * static_cast<double>(k)));
-    markers.push_back(marker);
-  }
-  const auto pose = pose_of_board(markers, board, camera);
-  ASSERT_TRUE(pose);
-  const double together = degrees_between(pose->camera_from_marker, truth);
-  EXPECT_LT(together, 0.7);
-  double worst = 0;
-  for (const Marker& marker : markers) {
-    const auto alone = pose_of_marker(marker, 0.04, camera);
-    if (marker.id != 2) worst = std::max(worst, degrees_between(alone->camera_from_marker, truth));
-  }
-  EXPECT_GT(worst, 2 * together);
-  EXPECT_FALSE(pose_of_board({}, board, camera));
 }
 
 TEST(PoseTracks, DistinguishTwoMarkersOfOneId) {

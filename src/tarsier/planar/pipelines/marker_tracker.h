@@ -5,7 +5,7 @@
 #include "tarsier/core/option_fields.h"
 #include "tarsier/geometry/camera.h"
 #include "tarsier/media/frame.h"
-#include "tarsier/planar/markers/pose.h"
+#include "tarsier/planar/markers/board.h"
 
 #include <opencv2/core/mat.hpp>
 
@@ -26,6 +26,8 @@ struct MarkerTrackerOptions {
   // own.
   std::vector<std::string> families{"36h11"};
   double side = 0.05;  // m, outer side of the markers' black frame; 0 disables the poses
+  // One pose of all its markers in place of a pose for each. `families` is then its family.
+  std::optional<markers::MarkerBoard> board;
   MarkerDetector detector = MarkerDetector::kTarsier;
   markers::DetectOptions detect;       // for kTarsier
   geometry::PlanarTrackOptions track;  // for videos
@@ -48,16 +50,19 @@ struct TrackedMarker {
 };
 
 struct MarkerResult {
-  std::vector<TrackedMarker> markers;  // in the order of the options' families, then by id
-  geometry::Camera camera;             // the camera of the poses, scaled to images of this size
-  double ms = 0;                       // time spent on detection and poses, milliseconds
-  bool names_families = false;         // several families were searched, so to_json() names them
+  std::vector<TrackedMarker> markers;        // in the order of the options' families, then by id
+  std::optional<markers::MarkerPose> board;  // camera from board; empty if none of it is visible
+  int board_markers = 0;                     // detected markers of the board
+  geometry::Camera camera;      // the camera of the poses, scaled to images of this size
+  double ms = 0;                // time spent on detection and poses, milliseconds
+  bool names_families = false;  // several families were searched, so to_json() names them
 };
 
 // {"markers": [{"id", "corners", "rvec", "tvec", "errors", "ambiguity", "margin"}], "ms"}. "errors"
 // holds the error of the pose and, if it exists, that of the second solution (px, rms). A marker
 // without a pose has only id, corners and margin. With several families each marker has "family"
-// after its id. This is a line of `tarsier ar markers --json`, without the image name.
+// after its id. With a visible board it also has "board": {"markers": number, "rvec", "tvec",
+// "errors", "ambiguity"}, and the markers have no poses. This is a line of `tarsier ar markers --json`, without the image name.
 [[nodiscard]] nlohmann::ordered_json to_json(const MarkerResult& result);
 
 // State carried from frame to frame of a video, and buffers. Use one state for each stream of
@@ -65,7 +70,8 @@ struct MarkerResult {
 struct MarkerState {
   markers::DetectWorkspace workspace;
   std::vector<markers::PoseTracks> tracks;  // one for each family
-  std::string source;                       // source of the frames
+  markers::BoardTrack board;
+  std::string source;  // source of the frames
   cv::Mat gray;
 };
 
@@ -102,6 +108,8 @@ class MarkerTracker {
 
  private:
   explicit MarkerTracker(const MarkerTrackerOptions& options);
+  void locate_board(const std::vector<markers::Marker>& found, const Frame& frame,
+                    MarkerState& state, MarkerResult& result) const;
 
   MarkerTrackerOptions options_;
   std::vector<const markers::Dictionary*> families_;

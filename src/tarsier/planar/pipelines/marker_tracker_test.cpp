@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/geometry/scaled_camera.h"
 #include "tarsier/planar/markers/predefined.h"
+#include "tarsier/planar/markers/testing_marker.h"
 #include "tarsier/planar/pipelines/testing_frame.h"
 #include "tarsier/synth/planar_worlds.h"
 
@@ -99,6 +100,54 @@ TEST(MarkerTracker, SmoothsVideosAndResetsForAnotherSource) {
         frame_of(clip.image_at(i / 25.0), false, i / 25.0, "a/" + std::to_string(i) + ".png"),
         state);
   EXPECT_EQ(pose_of(tracker.process(frame_of(last, false, 0.2, "a/5.png"), state)), tracked);
+}
+
+// A board of 2 x 2 markers in the given pose. One marker may be hidden.
+cv::Mat board_image(const markers::MarkerBoard& board, const geometry::Rigid3& camera_from_board,
+                    const geometry::Camera& camera, int hidden) {
+  cv::Mat gray(camera.height, camera.width, CV_8UC1, cv::Scalar(120));
+  for (const markers::BoardMarker& place : board.markers) {
+    if (place.id == hidden) continue;
+    markers::DrawnMarker drawn{place.id, {}};
+    const auto corners = markers::corners_on_marker(place.size);
+    for (std::size_t k = 0; k < 4; ++k) {
+      const cv::Point2d on_board = place.center + corners[k];
+      const auto p = camera.project(camera_from_board * Eigen::Vector3d(on_board.x, on_board.y, 0));
+      drawn.corners[k] = {p->x, p->y};
+    }
+    markers::draw_marker(gray, markers::find_dictionary(board.family), drawn);
+  }
+  return gray;
+}
+
+TEST(MarkerTracker, BoardHasAPoseWhileAMarkerIsHidden) {
+  MarkerTrackerOptions options;
+  options.camera = geometry::guessed_camera({640, 480});
+  options.board = markers::MarkerBoard{"36h11", {}};
+  for (int id = 0; id < 4; ++id)
+    options.board->markers.push_back({id, {0.06 * (id % 2), 0.06 * (id / 2)}, 0, 0.04});
+  const auto tracker = MarkerTracker::load(options);
+  MarkerState state;
+  for (int i = 0; i < 5; ++i) {
+    const geometry::Rigid3 truth{geometry::rotation_by({2.6, 0.2, 0.1}),
+                                 {-0.03 + 0.002 * i, 0.02, 0.4}};
+    const int hidden = i == 3 ? 0 : -1;
+    const cv::Mat image = board_image(*options.board, truth, *options.camera, hidden);
+    const auto result = tracker.process(frame_of(image, i == 4, 0.04 * i), state);
+    EXPECT_EQ(result.board_markers, i == 3 ? 3 : 4);
+    ASSERT_TRUE(result.board) << i;
+    const geometry::Rigid3& pose = result.board->camera_from_marker;
+    EXPECT_LT((pose.translation - truth.translation).norm(), 0.002) << i;
+    EXPECT_LT(geometry::angle_of(pose.rotation * truth.rotation.transpose()), 0.02) << i;
+    for (const TrackedMarker& marker : result.markers) EXPECT_FALSE(marker.pose);
+    const auto json = to_json(result);
+    EXPECT_EQ(json["board"]["markers"], result.board_markers);
+    EXPECT_EQ(json["board"]["tvec"].size(), 3U);
+  }
+  const cv::Mat empty(480, 640, CV_8UC3, cv::Scalar::all(90));
+  EXPECT_FALSE(to_json(tracker.process(frame_of(empty, true), state)).contains("board"));
+  options.families = {"25h9"};
+  EXPECT_THROW((void)MarkerTracker::load(options), std::invalid_argument);
 }
 
 TEST(MarkerTracker, SearchesSeveralFamiliesAndNamesThem) {

@@ -100,6 +100,13 @@ Grid grid_for(double side, int cells, const SheetOptions& options) {
   return grid;
 }
 
+// The k-th position. The grid is centred on the page.
+cv::Rect2d tile_at(const Grid& grid, int k, const SheetOptions& options) {
+  const double left = 0.5 * (options.paper.width - grid.columns * grid.width);
+  return {left + k % grid.columns * grid.width, options.margin + k / grid.columns * grid.height,
+          grid.width, grid.height};
+}
+
 // Chess squares and dots of a board. `origin` is the corner of the first square, or of the first
 // dot's cell.
 Fill board_fill(const BoardSpec& spec, const cv::Point2d& origin, double pitch) {
@@ -241,11 +248,9 @@ std::vector<Page> marker_pages(const std::string& family, const std::vector<int>
                                  number_text(side), kMaxPages));
   }
   const double rim = kRim * side / (dictionary.cells() + 2);
-  // The grid of markers is centred on the page.
-  const double left = 0.5 * (options.paper.width - grid.columns * grid.width);
   std::vector<Page> pages;
   for (std::size_t k = 0; k < ids.size(); ++k) {
-    const auto place = static_cast<int>(k % on_page);
+    const std::size_t place = k % on_page;
     if (place == 0) {
       Page page;
       page.size = options.paper;
@@ -253,9 +258,7 @@ std::vector<Page> marker_pages(const std::string& family, const std::vector<int>
       pages.push_back(page);
     }
     Page& page = pages.back();
-    const cv::Rect2d tile(left + place % grid.columns * grid.width,
-                          options.margin + place / grid.columns * grid.height, grid.width,
-                          grid.height);
+    const cv::Rect2d tile = tile_at(grid, static_cast<int>(place), options);
     const cv::Rect2d box(tile.x + rim, tile.y + rim, side, side);
     page.fills.push_back({marker_boxes(family, ids[k], box), {}, 0});
     const std::string label =
@@ -266,6 +269,33 @@ std::vector<Page> marker_pages(const std::string& family, const std::vector<int>
     add_cut_marks(page, tile);
   }
   return pages;
+}
+
+markers::MarkerBoard board_of_page(const std::string& family, const std::vector<int>& ids,
+                                   double side, const SheetOptions& options) {
+  if (marker_pages(family, ids, side, options).size() > 1) {
+    throw UsageError(
+        fmt::format("{} markers of {} mm do not fit one page: a board needs fewer, "
+                    "smaller markers or a larger page",
+                    ids.size(), number_text(side)));
+  }
+  const markers::Dictionary& dictionary = markers::find_dictionary(family);
+  const Grid grid = grid_for(side, dictionary.cells(), options);
+  const double rim = kRim * side / (dictionary.cells() + 2);
+  markers::MarkerBoard board{dictionary.name(), {}};
+  cv::Rect2d all;
+  for (std::size_t k = 0; k < ids.size(); ++k) {
+    const cv::Rect2d tile = tile_at(grid, static_cast<int>(k), options);
+    const cv::Rect2d box(tile.x + rim, tile.y + rim, side, side);
+    all = k == 0 ? box : all | box;
+    board.markers.push_back({ids[k], {box.x + side / 2, box.y + side / 2}, 0, side / 1000});
+  }
+  const cv::Point2d origin(all.x + all.width / 2, all.y + all.height / 2);
+  for (markers::BoardMarker& marker : board.markers) {
+    const cv::Point2d offset = marker.center - origin;  // mm, y down
+    marker.center = {offset.x / 1000, (0 - offset.y) / 1000};
+  }
+  return board;
 }
 
 Page board_page(const BoardSpec& spec, const SheetOptions& options) {

@@ -3,6 +3,7 @@
 
 #include "tarsier/core/option_fields.h"
 #include "tarsier/planar/calibration/board.h"
+#include "tarsier/planar/markers/board.h"
 #include "tarsier/planar/sheets/page.h"
 
 #include <string>
@@ -40,6 +41,12 @@ struct SheetOptions {
 // pages, or if no marker fits; then the message names a size that fits.
 [[nodiscard]] std::vector<Page> marker_pages(const std::string& family, const std::vector<int>& ids,
                                              double side, const SheetOptions& options);
+
+// The places of these markers on their page, as a board. Its origin is the centre of the markers.
+// Throws UsageError if they need more than one page.
+[[nodiscard]] markers::MarkerBoard board_of_page(const std::string& family,
+                                                 const std::vector<int>& ids, double side,
+                                                 const SheetOptions& options);
 
 // A page with a calibration board in its centre (landscape if it fits only so), its description and
 // the 10 cm line. Throws UsageError if it does not fit; the message names a size that fits.

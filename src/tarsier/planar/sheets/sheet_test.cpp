@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <map>
+#include <numeric>
 
 namespace tarsier::planar::sheets {
 namespace {
@@ -80,6 +81,31 @@ TEST(MarkerSheetTest, MarkersAreTrueToScaleAndReadable) {
     EXPECT_EQ(seen.size(), ids.size()) << family;
     for (const auto& [id, count] : seen) EXPECT_EQ(count, 1) << family << " " << id;
   }
+}
+
+// Printed markers lie where the layout says: all agree with one pose of the board.
+TEST(MarkerSheetTest, LayoutIsThatOfThePage) {
+  constexpr double kDpi = 254;  // 10 px a mm
+  const std::vector<int> ids{4, 9, 2, 7, 11};
+  const markers::MarkerBoard board = board_of_page("36h11", ids, 40, {});
+  board.check();
+  ASSERT_EQ(board.markers.size(), ids.size());
+  cv::Mat image = raster_of(marker_pages("36h11", ids, 40, {}).front(), kDpi);
+  cv::GaussianBlur(image, image, {}, 1.5);
+  const auto found = markers::detect_with_opencv(image, "36h11");
+  EXPECT_EQ(found.size(), ids.size());
+  const markers::BoardCorners corners = markers::corners_on_board(found, board.markers);
+  ASSERT_EQ(corners.on_board.size(), 4 * ids.size());
+  for (std::size_t k = 1; k < corners.on_board.size(); ++k) {
+    const cv::Point2d on_board = corners.on_board[k] - corners.on_board[0];
+    const cv::Point2d seen = corners.pixels[k] - corners.pixels[0];
+    EXPECT_NEAR(seen.x, 10000 * on_board.x, 1);
+    EXPECT_NEAR(seen.y, -10000 * on_board.y, 1);
+  }
+  std::vector<int> many(60);
+  std::iota(many.begin(), many.end(), 0);
+  EXPECT_THAT(refusal([&] { return board_of_page("36h11", many, 40, {}); }),
+              HasSubstr("do not fit one page"));
 }
 
 TEST(MarkerSheetTest, RulerIsTenCentimetres) {
