@@ -62,6 +62,16 @@ void PlateSession::process(const Frame& frame) {
 
 void PlateSession::on_processed() { report(result_.events); }
 
+bool PlateSession::idle() {
+  if (source().state == SourceState::kLive || frame().empty() || still()) return false;
+  plate::VideoReaderResult silence =
+      reader_.process_silence(latest().time + source().age_s, state_);
+  const bool changed = !silence.events.empty() || silence.tracks.size() != tracks().size();
+  result_.tracks = std::move(silence.tracks);
+  report(silence.events);
+  return changed;
+}
+
 bool PlateSession::act(const std::string& name) {
   if (name != "characters") return false;
   characters_ = !characters_;

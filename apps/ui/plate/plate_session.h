@@ -23,7 +23,8 @@ class PlateSession final : public FrameSession {
   using OnPlate = std::function<void(const plate::PlateEvent& event)>;
   using MomentOf = std::function<plate::FrameMoment(const Frame& frame)>;
 
-  // Both functions are called from on_frame(), `on_plate` also from finish(). `moment_of` gives the
+  // Both functions are called from on_frame(), `on_plate` also from on_idle() (vehicles whose camera
+  // is lost) and finish(). `moment_of` gives the
   // wall clock for frames of videos and cameras; if it is empty, events have no such times. `debug`
   // receives each stage; it may be null and must outlive the session.
   PlateSession(plate::VideoReader reader, OnPlate on_plate, MomentOf moment_of = {},
@@ -45,6 +46,7 @@ class PlateSession final : public FrameSession {
   void report(const std::vector<plate::PlateEvent>& events);
   void process(const Frame& frame) override;
   void on_processed() override;
+  bool idle() override;
   void draw(cv::Mat& image) override;
   [[nodiscard]] nlohmann::json state() const override;
   [[nodiscard]] std::string status() const override;

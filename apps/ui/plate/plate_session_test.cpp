@@ -103,6 +103,26 @@ TEST_F(PlateSessionTest, VehicleGivesOneClosedEventAtTheEndOfTheVideo) {
   EXPECT_EQ(events_.size(), 1U);
 }
 
+TEST_F(PlateSessionTest, ClosesTheVehiclesOfALostCamera) {
+  PlateSession session = make();
+  for (int k = 0; k < 12; ++k) {
+    seen_ = {reading_at({60 + 4 * k, 100, 90, 20})};
+    session.on_frame(frame_at(k), live());
+  }
+  SourceStatus status = live(500);  // a slow camera
+  session.on_idle(status);
+  EXPECT_TRUE(events_.empty());
+  status.state = SourceState::kLost;
+  status.age_s = 1;
+  session.on_idle(status);
+  EXPECT_TRUE(events_.empty());
+  status.age_s = options_.lost_after + options_.return_within + 0.1;
+  session.on_idle(status);
+  ASSERT_EQ(events_.size(), 1U);
+  EXPECT_NEAR(events_[0].last_time, 1.1, 1e-9);
+  EXPECT_TRUE(session.tracks().empty());
+}
+
 // The same plate before two cameras, one video after the other.
 TEST_F(PlateSessionTest, ChangeOfSourceClosesAllVehicles) {
   PlateSession session = make();

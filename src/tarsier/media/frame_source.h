@@ -25,7 +25,7 @@ struct SourceStatus {
   SourceState state = SourceState::kConnecting;
   // One line for people: what was opened ("1280x720 MJPG 30 fps"), or what is wrong.
   std::string detail;
-  // Live sources: seconds since the newest frame arrived; 0 before the first.
+  // Live sources: seconds since the newest frame that can be decoded arrived; 0 before the first.
   double age_s = 0;
   std::int64_t received = 0;  // frames that arrived
   // Received frames that a newer one replaced before anyone took them.

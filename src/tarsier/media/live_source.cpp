@@ -168,7 +168,8 @@ SourceStatus LiveSource::status() const {
   SourceStatus status;
   status.state = state_;
   status.detail = detail_;
-  status.age_s = received_ > 0 ? std::max(0.0, seconds_between(newest_, Clock::now())) : 0;
+  const Clock::time_point newest = had_frame() ? last_decodable() : newest_;
+  status.age_s = received_ > 0 ? std::max(0.0, seconds_between(newest, Clock::now())) : 0;
   status.received = received_;
   status.dropped = dropped_;
   status.reopened = reopened_;

@@ -86,13 +86,24 @@ VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& sta
     });
   }
   if (frame.still) return result;
-  std::vector<PlateEvent> closed =
-      step_tracker(options_, state.tracker,
-                   {frame.index, frame.time, frame.image, result.plates, moment, state.source});
+  track({frame.index, frame.time, frame.image, result.plates, moment, state.source}, state, result);
+  return result;
+}
+
+VideoReaderResult VideoReader::process_silence(double time, VideoReaderState& state) const {
+  VideoReaderResult result;
+  TrackedFrame nothing;
+  nothing.time = time;
+  track(nothing, state, result);
+  return result;
+}
+
+void VideoReader::track(const TrackedFrame& frame, VideoReaderState& state,
+                        VideoReaderResult& result) const {
+  std::vector<PlateEvent> closed = step_tracker(options_, state.tracker, frame);
   append(result.events, take_updates(options_, state.tracker));
   append(result.events, std::move(closed));
   result.tracks = live_tracks(options_, state.tracker);
-  return result;
 }
 
 std::vector<PlateEvent> VideoReader::finish(VideoReaderState& state) const {

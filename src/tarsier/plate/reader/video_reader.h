@@ -84,11 +84,16 @@ class VideoReader {
   // Returns whether the frame continues the sequence of `state`. If not, process() first calls
   // finish().
   [[nodiscard]] static bool continues(const Frame& frame, const VideoReaderState& state);
+  // No frame has come until `time`, s since the source's first frame: returns the tracks that are
+  // still in view, and the events of the vehicles that have gone since the last frame.
+  [[nodiscard]] VideoReaderResult process_silence(double time, VideoReaderState& state) const;
   // Ends the sequence and returns the events of the vehicles still in view. The state may be
   // reused.
   [[nodiscard]] std::vector<PlateEvent> finish(VideoReaderState& state) const;
 
  private:
+  void track(const TrackedFrame& frame, VideoReaderState& state, VideoReaderResult& result) const;
+
   ReadPart read_;
   TrackerOptions options_;
 };

@@ -73,6 +73,18 @@ TEST_F(VideoReaderTest, TracksVehiclesAndClosesThemAtTheEnd) {
   EXPECT_THAT(video.finish(state), IsEmpty());
 }
 
+TEST_F(VideoReaderTest, ClosesVehiclesInSilence) {
+  const VideoReader video = reader();
+  VideoReaderState state;
+  for (int k = 0; k < 6; ++k) static_cast<void>(video.process(frame_of("camera", k), state));
+  VideoReaderResult silence = video.process_silence(0.9, state);
+  EXPECT_EQ(silence.tracks.size(), 1U);
+  EXPECT_THAT(silence.events, IsEmpty());
+  silence = video.process_silence(0.5 + options_.lost_after + options_.return_within + 0.1, state);
+  EXPECT_THAT(silence.tracks, IsEmpty());
+  EXPECT_THAT(closed_texts(silence.events), ElementsAre("4725BKZ@camera"));
+}
+
 TEST_F(VideoReaderTest, AnotherSourceOrAStillClosesVehicles) {
   const VideoReader video = reader();
   VideoReaderState state;

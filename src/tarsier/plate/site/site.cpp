@@ -90,9 +90,11 @@ class Site {
     double whole_time = 0;            // time of the latest one that was read whole
     int partial_reads = 0;            // frames read in part since then
     bool plates_in_view = true;       // plates were in view, or none was searched yet
-    bool restarted = false;           // the waiting frame is the first of its source
-    milliseconds step{0};             // step of the wall clock since its last frame was read
-    VideoReaderState state;           // owned by the thread that serves the camera
+    bool has_failed = false;          // all vehicles are closed after the waiting frame
+    // The source is lost and has sent no frame until this time, s.
+    std::optional<double> silent_until;
+    milliseconds step{0};    // step of the wall clock since its last frame was read
+    VideoReaderState state;  // owned by the thread that serves the camera
     std::map<std::int64_t, std::int64_t> ids;  // vehicle ids: the tracker's -> the site's
     CameraReport report;
   };
@@ -141,12 +143,16 @@ class Site {
       SourceStatus status;
       status.state = SourceState::kLost;
       status.detail = reason;
-      {
-        const std::lock_guard lock(mutex_);
-        ++camera.report.restarts;
-        camera.restarted = true;
-      }
       report_source(index, status);
+      {
+        std::unique_lock lock(mutex_);
+        ++camera.report.restarts;
+        // The times of a reopened source start again.
+        camera.has_failed = true;
+        scheduler_.offer(index, false);
+        changed_.notify_all();
+        changed_.wait(lock, [&] { return stopped() || !camera.has_failed; });
+      }
       sleep_unless_stopped(std::chrono::duration_cast<milliseconds>(seconds(wait_s)),
                            stop_.get_token());
       wait_s = std::min(2 * wait_s, options_.max_restart);
@@ -158,11 +164,12 @@ class Site {
     Camera& camera = *cameras_[index];
     const std::unique_ptr<FrameSource> source = camera.config->open();
     const bool live = source->is_live();
-    const std::int64_t received_before = camera.report.received;
+    const CameraReport before = camera.report;
     MotionState motion;
     std::optional<SourceState> last_state;
     Clock::time_point next_examination{};
     double last_motion = 0;  // time of the frame, s
+    double last_time = 0;    // of the newest frame, s
     bool is_first = true;
     while (!stopped()) {
       if (live) sleep_until(next_examination);
@@ -172,10 +179,18 @@ class Site {
         last_state = status.state;
         report_source(index, status);
       }
+      {
+        const std::lock_guard lock(mutex_);
+        camera.report.received = before.received + status.received;
+        camera.report.restarts = before.restarts + status.reopened;
+      }
       if (!frame) {
         if (source->ended()) return;
+        if (!is_first && status.state != SourceState::kLive)
+          offer_silence(index, last_time + status.age_s);
         continue;
       }
+      last_time = frame->time;
       next_examination = std::max(next_examination + seconds(1 / options_.max_fps), Clock::now());
       frame->name = camera.config->name;
       frame->still = false;
@@ -186,7 +201,6 @@ class Site {
       std::unique_lock lock(mutex_);
       if (is_first) camera.read_time = camera.whole_time = frame->time;
       is_first = false;
-      camera.report.received = received_before + status.received;
       ++camera.report.examined;
       if (holds) ++camera.report.moving;
       const double waited = frame->time - camera.read_time;
@@ -202,6 +216,13 @@ class Site {
       scheduler_.offer(index, is_low_priority);
       changed_.notify_all();
     }
+  }
+
+  void offer_silence(std::size_t index, double until) {
+    const std::lock_guard lock(mutex_);
+    cameras_[index]->silent_until = until;
+    scheduler_.offer(index, false);
+    changed_.notify_all();
   }
 
   // The region of recent motion; empty if that is most of the frame.
@@ -228,32 +249,55 @@ class Site {
         return next || stopped() || (feeding_ == 0 && !has_waiting());
       });
       if (!next) return;
-      Camera& camera = *cameras_[*next];
-      const Frame frame = std::move(*camera.waiting);
-      camera.waiting.reset();
-      camera.read_time = frame.time;
-      // Standing vehicles are read at intervals, too.
-      const bool is_whole =
-          camera.waiting_region.empty() || (frame.time - camera.whole_time >= options_.idle &&
-                                            camera.partial_reads >= kMinPartialReads);
-      const cv::Rect part = is_whole ? cv::Rect() : camera.waiting_region;
-      camera.partial_reads = is_whole ? 0 : camera.partial_reads + 1;
-      if (is_whole) camera.whole_time = frame.time;
-      const bool restarted = std::exchange(camera.restarted, false);
-      const milliseconds step = std::exchange(camera.step, milliseconds(0));
-      changed_.notify_all();
-      lock.unlock();
-      const double start = cpu_seconds();
-      const bool plates_in_view = read(*next, frame, part, restarted, step);
-      const double cost = cpu_seconds() - start;
-      lock.lock();
-      camera.report.cpu_s += cost;
-      if (!is_whole) ++camera.report.read_partially;
-      camera.plates_in_view = plates_in_view || (!is_whole && camera.plates_in_view);
-      ++camera.report.read;
+      const Camera& camera = *cameras_[*next];
+      double cost = 0;
+      if (camera.waiting) cost = read_waiting(*next, lock);
+      if (camera.has_failed || camera.silent_until) close_lost(*next, lock);
       scheduler_.done(*next, cost);
       changed_.notify_all();
     }
+  }
+
+  // Reads the waiting frame of a camera that is being served; returns the processor time, s.
+  double read_waiting(std::size_t index, std::unique_lock<std::mutex>& lock) {
+    Camera& camera = *cameras_[index];
+    const Frame frame = std::move(*camera.waiting);
+    camera.waiting.reset();
+    camera.read_time = frame.time;
+    // Standing vehicles are read at intervals, too.
+    const bool is_whole =
+        camera.waiting_region.empty() || (frame.time - camera.whole_time >= options_.idle &&
+                                          camera.partial_reads >= kMinPartialReads);
+    const cv::Rect part = is_whole ? cv::Rect() : camera.waiting_region;
+    camera.partial_reads = is_whole ? 0 : camera.partial_reads + 1;
+    if (is_whole) camera.whole_time = frame.time;
+    const milliseconds step = std::exchange(camera.step, milliseconds(0));
+    changed_.notify_all();
+    lock.unlock();
+    const double start = cpu_seconds();
+    const bool plates_in_view = read(index, frame, part, step);
+    const double cost = cpu_seconds() - start;
+    lock.lock();
+    camera.report.cpu_s += cost;
+    if (!is_whole) ++camera.report.read_partially;
+    camera.plates_in_view = plates_in_view || (!is_whole && camera.plates_in_view);
+    ++camera.report.read;
+    return cost;
+  }
+
+  // Closes the vehicles that have left a camera whose source is lost; all if it has failed.
+  void close_lost(std::size_t index, std::unique_lock<std::mutex>& lock) {
+    Camera& camera = *cameras_[index];
+    const VideoReader& reader = camera.config->reader;
+    const bool has_failed = camera.has_failed;
+    const std::optional<double> until = std::exchange(camera.silent_until, std::nullopt);
+    const milliseconds step = std::exchange(camera.step, milliseconds(0));
+    lock.unlock();
+    shift_unsynchronized(camera.state.tracker, step);
+    report_events(index, has_failed ? reader.finish(camera.state)
+                                    : reader.process_silence(*until, camera.state).events);
+    lock.lock();
+    if (has_failed) camera.has_failed = false;
   }
 
   [[nodiscard]] bool has_waiting() const {
@@ -262,13 +306,10 @@ class Site {
   }
 
   // Returns whether plates are in view.
-  bool read(std::size_t index, const Frame& frame, const cv::Rect& part, bool restarted,
-            milliseconds step) {
+  bool read(std::size_t index, const Frame& frame, const cv::Rect& part, milliseconds step) {
     Camera& camera = *cameras_[index];
     const VideoReader& reader = camera.config->reader;
-    // The times of a reopened source restart.
-    if (restarted) report_events(index, reader.finish(camera.state));
-    if (step.count() != 0) shift_unsynchronized(camera.state.tracker, step);
+    shift_unsynchronized(camera.state.tracker, step);
     const FrameMoment moment = moment_of(index, frame);
     VideoReaderResult result = reader.process(frame, camera.state, moment, nullptr, part);
     report_events(index, std::move(result.events));

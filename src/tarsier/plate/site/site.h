@@ -73,8 +73,8 @@ struct CameraReport {
   std::int64_t read = 0;
   std::int64_t read_partially = 0;  // of read: only the region around motion
   std::int64_t vehicles = 0;        // closed events
-  int restarts = 0;
-  double cpu_s = 0;  // processor time of reading
+  int restarts = 0;                 // how often the source was opened again
+  double cpu_s = 0;                 // processor time of reading
 };
 
 // Reads the plates of many cameras in one process, until `stop` is requested or all sources have
@@ -101,8 +101,9 @@ struct CameraReport {
 // because standing vehicles are known already. If nothing moves and no plate is in view, one frame
 // is read every four `idle` periods.
 //
-// A camera whose source fails is opened again after a delay; the other cameras continue. Returns
-// one report per camera.
+// A camera whose source fails is opened again after a delay, and the vehicles in its view are
+// closed; the other cameras continue. While a source that opens itself again delivers no frame, its
+// vehicles are closed as if they had left. Returns one report per camera.
 [[nodiscard]] std::vector<CameraReport> run_site(const std::vector<SiteCamera>& cameras,
                                                  const SiteOptions& options,
                                                  const SiteHandlers& handlers,

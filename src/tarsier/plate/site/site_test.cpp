@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include <atomic>
+#include <condition_variable>
 #include <mutex>
 #include <set>
 
@@ -57,6 +58,51 @@ class DriveBySource final : public FrameSource {
   Script script_;
   int at_ = 0;
   std::vector<std::string> skipped_;
+};
+
+// A camera that opens itself again without success after its last frame: it ages by 5 s with each
+// call, until a vehicle has been closed.
+class LostSource final : public FrameSource {
+ public:
+  struct Watch {
+    std::mutex mutex;
+    std::condition_variable changed;
+    bool has_closed = false;
+    bool has_timed_out = false;  // before that
+  };
+  LostSource(const DriveBySource::Script& script, Watch& watch) : camera_(script), watch_(watch) {}
+
+  std::optional<Frame> next(std::chrono::milliseconds timeout,
+                            const std::stop_token& stop) override {
+    if (auto frame = camera_.next(timeout, stop)) return frame;
+    age_s_ += 5;
+    std::unique_lock lock(watch_.mutex);
+    watch_.changed.wait_for(lock, timeout, [&] { return watch_.has_closed; });
+    watch_.has_timed_out = !watch_.has_closed && age_s_ > 500;
+    ended_ = watch_.has_closed || watch_.has_timed_out;
+    return std::nullopt;
+  }
+  [[nodiscard]] bool ended() const override { return ended_; }
+  [[nodiscard]] bool is_live() const override { return false; }
+  [[nodiscard]] SourceStatus status() const override {
+    SourceStatus status = camera_.status();
+    if (age_s_ == 0) return status;
+    status.state = SourceState::kLost;
+    status.age_s = age_s_;
+    status.reopened = 2;
+    return status;
+  }
+  [[nodiscard]] double fps() const override { return camera_.fps(); }
+  [[nodiscard]] std::int64_t count() const override { return 0; }
+  [[nodiscard]] const std::vector<std::string>& skipped() const override {
+    return camera_.skipped();
+  }
+
+ private:
+  DriveBySource camera_;
+  Watch& watch_;
+  double age_s_ = 0;
+  bool ended_ = false;
 };
 
 // Reads the white plate of a DriveBySource as `text`.
@@ -172,9 +218,16 @@ TEST_F(SiteTest, ReadsTheRegionOfMotionAndSometimesTheWholeFrame) {
 
 TEST_F(SiteTest, ReopensAFailedCameraWhileOthersContinue) {
   std::atomic<int> opened = 0;
+  std::atomic<int> closed = 0;
+  handlers_.events = [&, collect = handlers_.events](std::size_t camera,
+                                                     const std::vector<PlateEvent>& events) {
+    collect(camera, events);
+    if (camera == 0 && events.back().state == PlateState::kClosed) ++closed;
+  };
   cameras_.push_back({"bad",
                       [&]() -> std::unique_ptr<FrameSource> {
                         const int attempt = opened++;
+                        EXPECT_EQ(closed, attempt == 0 ? 0 : 1);  // its view has ended
                         if (attempt == 1) throw InputError("bad", "no such camera");
                         return std::make_unique<DriveBySource>(
                             DriveBySource::Script{60, 10, attempt == 0 ? 40 : -1, true});
@@ -192,6 +245,26 @@ TEST_F(SiteTest, ReopensAFailedCameraWhileOthersContinue) {
   EXPECT_THAT(lost, ElementsAre("0a camera: its cable was cut", "0bad: no such camera"));
   // Before and after the cable was cut.
   EXPECT_THAT(closed_, UnorderedElementsAre("BAD1@bad", "BAD1@bad", "4725good@good"));
+}
+
+TEST_F(SiteTest, ClosesTheVehiclesOfALostCamera) {
+  LostSource::Watch watch;
+  cameras_.push_back(
+      {"a",
+       [&] {
+         return std::make_unique<LostSource>(DriveBySource::Script{26, 20, -1, false}, watch);
+       },
+       reader_of("4725BKZ")});
+  handlers_.events = [&, collect = handlers_.events](std::size_t camera,
+                                                     const std::vector<PlateEvent>& events) {
+    collect(camera, events);
+    const std::lock_guard lock(watch.mutex);
+    watch.has_closed = !closed_.empty();
+    watch.changed.notify_all();
+  };
+  EXPECT_EQ(run().at(0).restarts, 2);
+  EXPECT_FALSE(watch.has_timed_out);
+  EXPECT_THAT(closed_, ElementsAre("4725BKZ@a"));
 }
 
 TEST_F(SiteTest, ClosesOpenVehiclesWhenStopped) {
