@@ -13,7 +13,10 @@ expect_out '^\{"plate":"2863SDN","label":"Ann, blue","errors":0.25,"direction":"
 run plate watch add gate.csv 'B-12*' --tolerate 1 --hours '22:00-06:00' --days fri
 expect_status 0
 run plate watch add gate.csv 2863SDN --label Ann
-expect_out '^changed: 2863SDN '
+expect_out '^changed: 2863SDN +Ann +errors 0.25 +approaching +any +any$' # the other columns stay
+run plate watch add gate.csv 2863SDN --tolerate 0 --direction any --hours 08:00-09:00 --days mon
+expect_out '^changed: 2863SDN +Ann +errors 0 +any +08:00-09:00 +mon$'
+run plate watch add gate.csv 2863SDN --tolerate 0.25 --hours '' --days ''
 run plate watch list gate.csv
 expect_out '^2863SDN +Ann +errors 0.25 +any +any +any$' '^B12\* .*22:00-06:00 +fri$'
 [ "$(wc -l <stdout.txt)" -eq 2 ] || fail "the list has $(wc -l <stdout.txt) entries"
@@ -23,6 +26,14 @@ expect_out '"text":"Z863SDN","watch":\[\{"label":"Ann","entry":"2863SDN","distan
 run plate watch test gate.csv B12XYZ --at 2026-05-02T12:00
 expect_status 1
 expect_out '^B12XYZ: none$'
+
+# Several programs change one list at the same time.
+for k in 1 2 3 4 5 6 7 8; do "$TARSIER" plate watch add many.csv "AB${k}CD" --quiet >/dev/null & done
+wait
+[ "$(grep -c '^AB' many.csv)" -eq 8 ] || fail "entries are lost: $(cat many.csv)"
+for k in 1 2 3 4 5 6 7; do "$TARSIER" plate watch remove many.csv "AB${k}CD" --quiet >/dev/null & done
+wait
+[ "$(grep -c '^AB' many.csv)" -eq 1 ] || fail "entries are back: $(cat many.csv)"
 
 # Vehicles: the event says so at once and at the end; others give no command a run.
 run plate read 'synth:drive?frames=20&fps=10&size=960x540' --events --json --watch gate.csv --log plates.db --start 2026-05-01T12:00 --on-event 'cat >>events.jsonl' --on-watch

@@ -279,6 +279,16 @@ void AtomicFolder::commit() {
   committed_ = true;
 }
 
+FileDescriptor lock_folder_of(const std::string& path_of_file) {
+  std::error_code error;
+  const fs::path real = fs::weakly_canonical(path_of_file, error);  // AtomicFile follows links
+  const fs::path folder = folder_of(error ? path_of_file : real.string());
+  FileDescriptor lock(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  while (lock.get() >= 0 && ::flock(lock.get(), LOCK_EX) != 0 && errno == EINTR) {
+  }
+  return lock;
+}
+
 void make_folder(const std::string& path) {
   if (path.empty()) throw OutputError("\"\"", "no folder name given");
   std::error_code error;

@@ -89,6 +89,19 @@ TEST_F(AtomicFileTest, LocksTemporaryFile) {
   ::close(other);
 }
 
+TEST_F(AtomicFileTest, LocksTheFolderOfAFile) {
+  const auto is_free = [&] {
+    const FileDescriptor other(::open(path("").c_str(), O_RDONLY | O_CLOEXEC));
+    return ::flock(other.get(), LOCK_EX | LOCK_NB) == 0;
+  };
+  {
+    const FileDescriptor lock = lock_folder_of(path("list.csv"));
+    EXPECT_FALSE(is_free());
+  }
+  EXPECT_TRUE(is_free());
+  EXPECT_LT(lock_folder_of(path("missing/list.csv")).get(), 0);
+}
+
 TEST_F(AtomicFileTest, AFolderAppearsCompletelyOrNotAtAll) {
   {
     const AtomicFolder folder(path("deep/all"));

@@ -14,6 +14,7 @@ class FileDescriptor {
   ~FileDescriptor() { reset(); }
   FileDescriptor(const FileDescriptor&) = delete;
   FileDescriptor& operator=(const FileDescriptor&) = delete;
+  FileDescriptor(FileDescriptor&& other) noexcept : fd_(other.release()) {}
   [[nodiscard]] int get() const { return fd_; }
   // Closes the present one.
   void reset(int fd = -1) {

@@ -2,14 +2,17 @@
 #include "tarsier/plate/tracking/watch.h"
 
 #include "tarsier/core/log.h"
+#include "tarsier/media/atomic_file.h"
 #include "tarsier/plate/tracking/log.h"
 
 #include <fmt/format.h>
 
 #include "verbs/plate/plate.h"
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <system_error>
 #include <vector>
@@ -20,15 +23,18 @@ namespace {
 using plate::WatchEntry;
 using plate::WatchList;
 
+constexpr const char* kAnyDirection = "any";
+
 struct WatchFlags {
   std::string list;
   std::string plate;  // for `add` and `remove`
   std::vector<std::string> texts;
-  std::string label;
-  double errors = WatchEntry::kDefaultErrors;
+  // for `add`: a column without a flag keeps its value
+  std::optional<std::string> label;
+  std::optional<double> errors;
+  std::optional<std::string> hours;
+  std::optional<std::string> days;
   std::string direction;
-  std::string hours;
-  std::string days;
   std::string at;
 };
 
@@ -51,18 +57,32 @@ void print_entry(const WatchEntry& entry, const char* state, const Context& cont
   print_text((*state == '\0' ? "" : std::string(state) + ": ") + line_of(entry));
 }
 
-ExitStatus run_add(const WatchFlags& flags, const Context& context) {
+// The entry of the plate in the list, or a new one, with the values of the given flags.
+WatchEntry changed_entry(const WatchList& list, const WatchFlags& flags) {
   WatchEntry entry;
   entry.plate = plate::plate_pattern(flags.plate, "PLATE");
-  entry.label = plate::checked_label(flags.label, "--label");
-  entry.errors = flags.errors;
-  if (!flags.direction.empty())
+  const auto present =
+      std::find_if(list.entries().begin(), list.entries().end(),
+                   [&](const WatchEntry& other) { return other.plate == entry.plate; });
+  if (present != list.entries().end()) entry = *present;
+  if (flags.label) entry.label = plate::checked_label(*flags.label, "--label");
+  if (flags.errors) entry.errors = *flags.errors;
+  if (flags.direction == kAnyDirection) {
+    entry.direction.reset();
+  } else if (!flags.direction.empty()) {
     entry.direction = plate::parse_direction(flags.direction, "--direction");
-  entry.hours = plate::parse_hours(flags.hours, "--hours");
-  entry.days = plate::parse_days(flags.days, "--days");
+  }
+  if (flags.hours) entry.hours = plate::parse_hours(*flags.hours, "--hours");
+  if (flags.days) entry.days = plate::parse_days(*flags.days, "--days");
+  return entry;
+}
+
+ExitStatus run_add(const WatchFlags& flags, const Context& context) {
+  const FileDescriptor lock = lock_folder_of(flags.list);
   std::error_code error;
   WatchList list;
   if (std::filesystem::exists(flags.list, error) || error) list = WatchList::read(flags.list);
+  const WatchEntry entry = changed_entry(list, flags);
   const bool replaced = list.add(entry);
   list.write(flags.list);
   print_entry(entry, replaced ? "changed" : "added", context);
@@ -71,6 +91,7 @@ ExitStatus run_add(const WatchFlags& flags, const Context& context) {
 
 ExitStatus run_remove(const WatchFlags& flags, const Context& context) {
   const std::string pattern = plate::plate_pattern(flags.plate, "PLATE");
+  const FileDescriptor lock = lock_folder_of(flags.list);
   WatchList list = WatchList::read(flags.list);
   std::vector<WatchEntry> removed;
   for (const WatchEntry& entry : list.entries()) {
@@ -140,14 +161,16 @@ void add_add_flags(Command& verb, WatchFlags& flags) {
           "--tolerate", flags.errors,
           "maximum reading error: 1 allows any one edit, 0.25 or 0.5 only common confusions")
       .check(range(0.0, WatchEntry::kMaxErrors))
-      .show_default();
-  std::vector<std::string> names;
+      .show_default(fmt::format("{:g}", WatchEntry::kDefaultErrors));
+  std::vector<std::string> names{kAnyDirection};
   for (const plate::Direction direction : plate::kDirections)
     names.emplace_back(name_of(direction));
   verb.add_option("--direction", flags.direction, "only vehicles that move in this direction")
       .check(one_of(names));
-  verb.add_option("--hours", flags.hours, "only at these hours, local time: 22:00-06:00");
-  verb.add_option("--days", flags.days, "days on which the hours begin: mon-fri, 'sat sun'");
+  verb.add_option("--hours", flags.hours,
+                  "only at these hours, local time: 22:00-06:00; '' for all day");
+  verb.add_option("--days", flags.days,
+                  "days on which the hours begin: mon-fri, 'sat sun'; '' for all");
 }
 
 void add_remove_flags(Command& verb, WatchFlags& flags) {
@@ -175,7 +198,8 @@ void add_plate_watch(Command& plate, Context& context) {
   Command& watch =
       plate.add_subcommand("watch", "manage watch lists of plates for `plate read --watch`");
   watch.require_subcommand(1);
-  add_verb<WatchFlags>(watch, "add", "add a plate to a list, or change its entry", context,
+  add_verb<WatchFlags>(watch, "add",
+                       "add a plate to a list, or change the given columns of its entry", context,
                        add_add_flags, run_add);
   add_verb<WatchFlags>(watch, "remove", "remove a plate from a list", context, add_remove_flags,
                        run_remove);
