@@ -10,6 +10,7 @@
 
 #include <cerrno>
 #include <chrono>
+#include <cstdio>
 #include <fcntl.h>
 #include <filesystem>
 #include <sys/file.h>
@@ -26,11 +27,32 @@ namespace fs = std::filesystem;
 constexpr std::chrono::seconds kSyncInterval{5};
 constexpr int kMaxParts = 999;
 
-std::string part_name(const fs::path& target, int number) {
+// The target with `mark` before its ending.
+std::string marked_name(const fs::path& target, const std::string& mark) {
   const std::string stem = target.stem().string().substr(0, 200);  // names end at 255 bytes
-  const std::string mark = number == 1 ? ".part" : fmt::format(".part-{}", number);
   return (target.parent_path() / (stem + mark + target.extension().string().substr(0, 32)))
       .string();
+}
+
+std::string part_name(const fs::path& target, int number) {
+  return marked_name(target, number == 1 ? ".part" : fmt::format(".part-{}", number));
+}
+
+std::string recording_name(const std::string& target, int number) {
+  return number == 1 ? target : marked_name(target, fmt::format("-{}", number));
+}
+
+// Whether a recording can get this name: no file has it, or an empty one.
+bool is_free(const std::string& path) {
+  struct ::stat info {};
+  return ::lstat(path.c_str(), &info) != 0 || (S_ISREG(info.st_mode) && info.st_size == 0);
+}
+
+std::string free_recording_name(const std::string& target) {
+  for (int number = 1; number <= kMaxParts; ++number) {
+    if (std::string name = recording_name(target, number); is_free(name)) return name;
+  }
+  throw OutputError(target, "too many recordings of this name: name another file");
 }
 
 // Warns of an existing file: of a recording in progress, or of one that was cut off.
@@ -72,6 +94,8 @@ PartFile::PartFile(std::string target) : target_(std::move(target)) {
   if (fd_ < 0) throw OutputError(target_, "too many recordings that were cut off lie beside it");
   (void)::flock(fd_, LOCK_EX | LOCK_NB);  // if the file system has locks
   if (exists) (void)::fchmod(fd_, info.st_mode & 0777);
+  if (const std::string name = free_recording_name(target_); name != target_)
+    log_warning("{}: exists and stays; this recording will be {}", target_, name);
   syncing_ = std::jthread([this](const std::stop_token& stop) {
     while (sleep_unless_stopped(kSyncInterval, stop)) (void)::fdatasync(fd_);
   });
@@ -89,9 +113,25 @@ void PartFile::commit() {
   if (::fsync(fd_) != 0 && errno != EINVAL && errno != ENOTSUP && errno != ENOSYS) {
     fail_to_write(part_, "cannot write to the disk", errno);
   }
-  if (::rename(part_.c_str(), target_.c_str()) != 0) fail_to_write(target_, "cannot rename", errno);
+  // Another recording of this name may have ended meanwhile.
+  std::string name = free_recording_name(target_);
+  while (!rename_to(name)) name = free_recording_name(target_);
+  if (name != target_) log_warning("{}: the recording is {}", target_, name);
   committed_ = true;
-  sync_folder(target_);
+  sync_folder(name);
+}
+
+// Returns false if a file has got this name meanwhile.
+bool PartFile::rename_to(const std::string& name) {
+  struct ::stat info {};
+  const bool is_new = ::lstat(name.c_str(), &info) != 0;
+  if (is_new) {
+    if (::renameat2(AT_FDCWD, part_.c_str(), AT_FDCWD, name.c_str(), RENAME_NOREPLACE) == 0)
+      return true;
+    if (errno == EEXIST) return false;
+  }
+  if (::rename(part_.c_str(), name.c_str()) != 0) fail_to_write(name, "cannot rename", errno);
+  return true;
 }
 
 }  // namespace tarsier

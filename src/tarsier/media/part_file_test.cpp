@@ -23,17 +23,35 @@ using ::testing::Not;
 
 using PartFileTest = FolderTest;
 
-TEST_F(PartFileTest, IsVisibleUntilItReplacesItsTarget) {
-  std::ofstream(path("a.mp4")) << "old";
+TEST_F(PartFileTest, IsVisibleUntilItReplacesItsEmptyTarget) {
+  std::ofstream(path("a.mp4")) << "";
   fs::permissions(path("a.mp4"), fs::perms{0640});
   PartFile file(path("a.mp4"));
   EXPECT_EQ(file.path(), path("a.part.mp4"));
   std::ofstream(file.path()) << "new";
-  EXPECT_EQ(contents(path("a.mp4")), "old");
+  EXPECT_EQ(contents(path("a.mp4")), "");
   file.commit();
   EXPECT_EQ(contents(path("a.mp4")), "new");
   EXPECT_EQ(fs::status(path("a.mp4")).permissions(), fs::perms{0640});
   EXPECT_EQ(files(), 1U);
+}
+
+TEST_F(PartFileTest, KeepsFinishedRecordingsOfItsName) {
+  std::ofstream(path("a.mp4")) << "first";
+  std::optional<PartFile> second;
+  testing::internal::CaptureStderr();
+  second.emplace(path("a.mp4"));
+  EXPECT_THAT(testing::internal::GetCapturedStderr(),
+              AllOf(HasSubstr(path("a.mp4") + ": exists"), HasSubstr(path("a-2.mp4"))));
+  PartFile third(path("a.mp4"));
+  std::ofstream(second->path()) << "second";
+  std::ofstream(third.path()) << "third";
+  third.commit();
+  second->commit();
+  EXPECT_EQ(contents(path("a.mp4")), "first");
+  EXPECT_EQ(contents(path("a-2.mp4")), "third");
+  EXPECT_EQ(contents(path("a-3.mp4")), "second");
+  EXPECT_EQ(files(), 3U);
 }
 
 TEST_F(PartFileTest, StaysWithoutCommitUnlessItIsEmpty) {
