@@ -269,6 +269,15 @@ TEST_F(FrameSourceTest, FilesThatAreNoVideosAreRefusedBeforeFfmpegOpensThem) {
   EXPECT_THAT(open_error(write("text.avi", "just some text")),
               HasSubstr("text.avi: is not a video"));
   EXPECT_THAT(open_error(write("list.mp4", "#EXTM3U\nfile:///etc/passwd\n")),
+// FFmpeg would take the start of this name for a protocol.
+TEST_F(FrameSourceTest, AVideoMayHaveAColonInItsName) {
+  video("12:30.avi", 2, 10);
+  const fs::path before = fs::current_path();
+  fs::current_path(folder_);
+  EXPECT_NO_THROW(EXPECT_EQ(read_all(*open_source("12:30.avi")).numbers.size(), 2U));
+  fs::current_path(before);
+}
+
               HasSubstr("is not a video"));
   EXPECT_THAT(open_error(write("empty.mkv", "")), HasSubstr("is empty"));
   EXPECT_THAT(open_error(write("broken.avi",

@@ -37,6 +37,11 @@ double sane_fps(double fps) {
   return std::isfinite(fps) && fps >= 0.01 && fps <= 1000 ? fps : 25;
 }
 
+// FFmpeg takes the start of "12:30.avi" for a protocol.
+std::string path_to_open(const std::string& path) {
+  return path.starts_with('/') || path.starts_with('.') ? path : "./" + path;
+}
+
 class VideoSource final : public FrameSource {
  public:
   explicit VideoSource(std::string path) : path_(std::move(path)) {
@@ -90,7 +95,7 @@ class VideoSource final : public FrameSource {
   // Opens the file and reads the first frame: many corrupt files can be opened.
   void open(int backend) {
     try {
-      if (!capture_->open(path_, backend)) return;
+      if (!capture_->open(path_to_open(path_), backend)) return;
       const double width = capture_->get(cv::CAP_PROP_FRAME_WIDTH);
       const double height = capture_->get(cv::CAP_PROP_FRAME_HEIGHT);
       if (width * height > kMaxPixels) {
