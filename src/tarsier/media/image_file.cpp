@@ -64,10 +64,10 @@ cv::Mat decode(Bytes bytes, const std::string& name, const ImageLimits& limits, 
   }
   cv::Mat image;
   try {
-    std::vector<std::uint8_t> needed_chunks;
-    const std::string damage = find_image_damage(bytes, *header, needed_chunks);
+    std::vector<std::uint8_t> replacement;
+    const std::string damage = find_image_damage(bytes, *header, replacement);
     if (!damage.empty()) throw InputError(name, damage);
-    const Bytes source = needed_chunks.empty() ? bytes : Bytes(needed_chunks);
+    const Bytes source = replacement.empty() ? bytes : Bytes(replacement);
     image = decode_plain(source, *header, (flags & cv::IMREAD_COLOR) == 0);
     if (image.empty()) {
       const cv::Mat data(1, static_cast<int>(source.size()), CV_8UC1,

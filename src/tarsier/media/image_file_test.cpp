@@ -292,6 +292,18 @@ TEST(ImageFile, ReadsAsciiAndBitmapPnmWithComments) {
   EXPECT_EQ(decode_image(Data(bits.begin(), bits.end()), "x").size(), cv::Size(8, 2));
 }
 
+TEST(ImageFile, ScalesBinaryPnmOfAnyMaximum) {
+  const std::string low("P5\n4 1\n15\n\x00\x05\x0F\x20", 15);
+  const cv::Mat of_low = decode_image(Data(low.begin(), low.end()), "x");
+  EXPECT_EQ(of_low.at<cv::Vec3b>(0, 0), cv::Vec3b(0, 0, 0));
+  EXPECT_EQ(of_low.at<cv::Vec3b>(0, 1), cv::Vec3b(85, 85, 85));
+  EXPECT_EQ(of_low.at<cv::Vec3b>(0, 2), cv::Vec3b(255, 255, 255));
+  EXPECT_EQ(of_low.at<cv::Vec3b>(0, 3), cv::Vec3b(255, 255, 255)) << "above the maximum";
+  const std::string high("P6\n1 1\n4095\n\x0F\xFF\x08\x00\x00\x00", 18);
+  EXPECT_EQ(decode_image(Data(high.begin(), high.end()), "x").at<cv::Vec3b>(0, 0),
+            cv::Vec3b(0, 128, 255));
+}
+
 TEST(ImageFile, ReadsTopDownBmp) {
   Data bytes = encoded(".bmp", test_image());
   put_little(bytes, 22, static_cast<std::uint32_t>(-48));

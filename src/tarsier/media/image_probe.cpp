@@ -329,6 +329,26 @@ std::optional<PnmHeader> parse_pnm(Bytes bytes) {
   return pnm;
 }
 
+// The binary image with samples up to 255 or 65535: OpenCV does not scale those of another maximum.
+std::vector<std::uint8_t> with_full_range(Bytes bytes, const PnmHeader& pnm,
+                                          std::uint64_t samples) {
+  const bool is_wide = pnm.max_value > 255;  // two bytes, the higher one first
+  const std::uint64_t full = is_wide ? 65535 : 255;
+  const std::string header =
+      fmt::format("P{}\n{} {}\n{}\n", pnm.kind, pnm.image.width, pnm.image.height, full);
+  std::vector<std::uint8_t> scaled(header.begin(), header.end());
+  scaled.reserve(header.size() + samples * (is_wide ? 2 : 1));
+  std::size_t at = pnm.data_at;
+  for (std::uint64_t i = 0; i < samples; ++i) {
+    std::uint64_t value = bytes[at++];
+    if (is_wide) value = value * 256 + bytes[at++];
+    value = (std::min(value, pnm.max_value) * full + pnm.max_value / 2) / pnm.max_value;
+    if (is_wide) scaled.push_back(static_cast<std::uint8_t>(value >> 8U));
+    scaled.push_back(static_cast<std::uint8_t>(value & 0xFFU));
+  }
+  return scaled;
+}
+
 // Counts the numbers of an image in decimal digits. Returns what is wrong.
 std::string check_ascii_pnm(Bytes bytes, const PnmHeader& pnm, std::uint64_t numbers) {
   const bool bitmap = pnm.kind == '1';  // its digits need no space between them
@@ -466,7 +486,7 @@ std::string describe_not_an_image(Bytes bytes) {
 }
 
 std::string find_image_damage(Bytes bytes, const ImageHeader& header,
-                              std::vector<std::uint8_t>& needed_chunks) {
+                              std::vector<std::uint8_t>& replacement) {
   const auto width = static_cast<std::uint64_t>(header.width);
   const auto height = static_cast<std::uint64_t>(header.height);
   // OpenCV tries its other decoders for data that libwebp or its PNM reader refuse, and its DICOM
@@ -490,7 +510,7 @@ std::string find_image_damage(Bytes bytes, const ImageHeader& header,
       return {};
     }
     case ImageFormat::kPng:
-      return check_png(bytes, needed_chunks);
+      return check_png(bytes, replacement);
     case ImageFormat::kWebp: {
       const std::uint64_t size = *Cursor(bytes, 4).little_endian(4);
       return bytes.size() < size + 8 ? "truncated WebP" : "";
@@ -519,7 +539,10 @@ std::string find_image_damage(Bytes bytes, const ImageHeader& header,
       if (pnm->kind <= '3') return check_ascii_pnm(bytes, *pnm, width * height * channels);
       const std::uint64_t row =
           pnm->kind == '4' ? (width + 7) / 8 : width * channels * (pnm->max_value > 255 ? 2 : 1);
-      return bytes.size() < pnm->data_at + row * height ? "truncated PNM" : "";
+      if (bytes.size() < pnm->data_at + row * height) return "truncated PNM";
+      if (pnm->kind >= '5' && pnm->max_value != 255 && pnm->max_value != 65535)
+        replacement = with_full_range(bytes, *pnm, width * height * channels);
+      return {};
     }
     case ImageFormat::kTiff:
       return {};
