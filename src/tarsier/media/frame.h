@@ -16,6 +16,10 @@ struct Frame {
   std::int64_t index = 0;
   // Seconds since the source's first frame; the presentation time in a video file; 0 for stills.
   double time = 0;
+  // Where several inputs are read in turn: `index` and `time` that the first frame of its own input
+  // has; else 0. (Both above count on from input to input.)
+  std::int64_t start_index = 0;
+  double start_time = 0;
   // For a still: its path exactly as given or found. Else the source's text with passwords masked.
   std::string name;
   // An image of its own (image, folder, glob, list), not a frame of a video.

@@ -130,8 +130,7 @@ class ChainSource final : public FrameSource {
     std::function<std::unique_ptr<FrameSource>()> open;
     std::int64_t count = 0;  // 0: not known
   };
-  ChainSource(std::vector<Part> parts, bool sequence)
-      : parts_(std::move(parts)), sequence_(sequence) {}
+  explicit ChainSource(std::vector<Part> parts) : parts_(std::move(parts)) {}
 
   std::optional<Frame> next(std::chrono::milliseconds timeout,
                             const std::stop_token& stop) override {
@@ -155,8 +154,11 @@ class ChainSource final : public FrameSource {
       if (frame) {
         if (!frame->still) {
           frame->time += start_time_;
+          frame->start_time += start_time_;
           end_time_ = frame->time + 1 / (current_->fps() > 0 ? current_->fps() : 25);
         }
+        const std::int64_t own_index = frame->index - frame->start_index;
+        frame->start_index = index_ - own_index;
         frame->index = index_++;
         return frame;
       }
@@ -201,12 +203,11 @@ class ChainSource final : public FrameSource {
       skipped_.insert(skipped_.end(), current_->skipped().begin(), current_->skipped().end());
       current_.reset();
     }
-    start_time_ = sequence_ || end_time_ > 0 ? end_time_ : 0;
+    start_time_ = end_time_;
     ++at_;
   }
 
   const std::vector<Part> parts_;
-  const bool sequence_;
   std::size_t at_ = 0;
   std::unique_ptr<FrameSource> current_;
   std::int64_t index_ = 0;
@@ -289,10 +290,9 @@ std::vector<ChainSource::Part> parts_of(const std::string& text, const SourceOpt
   }
 }
 
-std::unique_ptr<FrameSource> join(std::vector<ChainSource::Part> parts,
-                                  const SourceOptions& options) {
+std::unique_ptr<FrameSource> join(std::vector<ChainSource::Part> parts) {
   if (parts.size() == 1) return parts.front().open();
-  return std::make_unique<ChainSource>(std::move(parts), options.sequence);
+  return std::make_unique<ChainSource>(std::move(parts));
 }
 
 }  // namespace
@@ -350,7 +350,7 @@ std::unique_ptr<FrameSource> open_source(const std::string& text, const SourceOp
     case SourceKind::kFolder:
     case SourceKind::kGlob:
     case SourceKind::kList:
-      return join(parts_of(text, options, schemes), options);
+      return join(parts_of(text, options, schemes));
     case SourceKind::kVideo:
       return make_video_source(text, options);
     case SourceKind::kCamera:
@@ -400,7 +400,7 @@ std::unique_ptr<FrameSource> open_sources(const std::vector<std::string>& texts,
     std::move(more.begin(), more.end(), std::back_inserter(parts));
   }
   end_files();
-  return join(std::move(parts), options);
+  return join(std::move(parts));
 }
 
 std::string masked(std::string_view url) {

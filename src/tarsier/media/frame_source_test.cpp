@@ -188,6 +188,10 @@ TEST_F(FrameSourceTest, ConcatenatesGlobsListsAndInputs) {
   EXPECT_TRUE(read.frames[3].still);
   EXPECT_FALSE(read.frames[4].still);
   EXPECT_LT(read.frames[2].time, read.frames[4].time);  // the second video comes after the first
+  EXPECT_EQ(read.frames[2].start_index, 1);
+  EXPECT_EQ(read.frames[2].start_time, 0);
+  EXPECT_EQ(read.frames[5].start_index, 4);
+  EXPECT_DOUBLE_EQ(read.frames[5].start_time, read.frames[4].time);
 }
 
 TEST_F(FrameSourceTest, ABatchKeepsItsNumbersAndReportsWhatItSkips) {
@@ -265,10 +269,6 @@ TEST_F(FrameSourceTest, AVideoHasTimesAndEnds) {
   EXPECT_FALSE(read.frames[0].still);
 }
 
-TEST_F(FrameSourceTest, FilesThatAreNoVideosAreRefusedBeforeFfmpegOpensThem) {
-  EXPECT_THAT(open_error(write("text.avi", "just some text")),
-              HasSubstr("text.avi: is not a video"));
-  EXPECT_THAT(open_error(write("list.mp4", "#EXTM3U\nfile:///etc/passwd\n")),
 // FFmpeg would take the start of this name for a protocol.
 TEST_F(FrameSourceTest, AVideoMayHaveAColonInItsName) {
   video("12:30.avi", 2, 10);
@@ -278,6 +278,10 @@ TEST_F(FrameSourceTest, AVideoMayHaveAColonInItsName) {
   fs::current_path(before);
 }
 
+TEST_F(FrameSourceTest, FilesThatAreNoVideosAreRefusedBeforeFfmpegOpensThem) {
+  EXPECT_THAT(open_error(write("text.avi", "just some text")),
+              HasSubstr("text.avi: is not a video"));
+  EXPECT_THAT(open_error(write("list.mp4", "#EXTM3U\nfile:///etc/passwd\n")),
               HasSubstr("is not a video"));
   EXPECT_THAT(open_error(write("empty.mkv", "")), HasSubstr("is empty"));
   EXPECT_THAT(open_error(write("broken.avi",

@@ -72,7 +72,11 @@ VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& sta
                                        const FrameMoment& moment, DebugSink* debug,
                                        const cv::Rect& region) const {
   VideoReaderResult result;
-  if (!continues(frame, state)) result.events = finish(state);
+  if (!continues(frame, state)) {
+    result.events = finish(state);
+    state.start_index = frame.start_index;
+    state.start_time = frame.start_time;
+  }
   state.source = source_of(frame);
   state.has_video = !frame.still;
   ReaderResult read = read_(frame, region, debug);
@@ -86,14 +90,16 @@ VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& sta
     });
   }
   if (frame.still) return result;
-  track({frame.index, frame.time, frame.image, result.plates, moment, state.source}, state, result);
+  track({frame.index - state.start_index, frame.time - state.start_time, frame.image, result.plates,
+         moment, state.source},
+        state, result);
   return result;
 }
 
 VideoReaderResult VideoReader::process_silence(double time, VideoReaderState& state) const {
   VideoReaderResult result;
   TrackedFrame nothing;
-  nothing.time = time;
+  nothing.time = time - state.start_time;
   track(nothing, state, result);
   return result;
 }

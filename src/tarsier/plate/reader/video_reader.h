@@ -24,7 +24,10 @@ struct VideoReaderOptions {
 // State carried from frame to frame of a video.
 struct VideoReaderState {
   TrackerState tracker;
-  std::string source;      // source of the frames
+  std::string source;  // source of the frames
+  // Of its first frame (see Frame): events count from there.
+  std::int64_t start_index = 0;
+  double start_time = 0;
   bool has_video = false;  // true if the last frame belonged to a video
 };
 
@@ -84,7 +87,7 @@ class VideoReader {
   // Returns whether the frame continues the sequence of `state`. If not, process() first calls
   // finish().
   [[nodiscard]] static bool continues(const Frame& frame, const VideoReaderState& state);
-  // No frame has come until `time`, s since the source's first frame: returns the tracks that are
+  // No frame has come until `time` (that of Frame): returns the tracks that are
   // still in view, and the events of the vehicles that have gone since the last frame.
   [[nodiscard]] VideoReaderResult process_silence(double time, VideoReaderState& state) const;
   // Ends the sequence and returns the events of the vehicles still in view. The state may be

@@ -101,6 +101,24 @@ TEST_F(VideoReaderTest, AnotherSourceOrAStillClosesVehicles) {
   EXPECT_THAT(video.finish(state), IsEmpty());  // a still image gives no vehicle event
 }
 
+TEST_F(VideoReaderTest, EventsCountFromTheFirstFrameOfTheirSource) {
+  const VideoReader video = reader();
+  VideoReaderState state;
+  for (int k = 0; k < 6; ++k) static_cast<void>(video.process(frame_of("a.mp4", k), state));
+  for (int k = 8; k < 14; ++k) {  // only every second frame of the video, for example
+    Frame frame = frame_of("b.mp4", k);
+    frame.start_index = 7;
+    frame.start_time = 0.7;
+    static_cast<void>(video.process(frame, state));
+  }
+  const std::vector<PlateEvent> events = video.finish(state);
+  ASSERT_EQ(events.size(), 1U);
+  EXPECT_NEAR(events[0].first_time, 0.1, 1e-9);
+  EXPECT_NEAR(events[0].last_time, 0.6, 1e-9);
+  EXPECT_EQ(events[0].readings.front().frame, 1);
+  EXPECT_EQ(events[0].readings.back().frame, 6);
+}
+
 TEST_F(VideoReaderTest, ImageSequenceIsOneVideo) {
   const VideoReader video = reader();
   VideoReaderState state;
