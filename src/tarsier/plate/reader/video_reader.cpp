@@ -82,13 +82,9 @@ VideoReaderResult VideoReader::process(const Frame& frame, VideoReaderState& sta
   ReaderResult read = read_(frame, region, debug);
   result.plates = std::move(read.plates);
   result.ms = read.ms;
-  if (!options_.region.corners.empty()) {
-    std::erase_if(result.plates, [&](const Reading& plate) {
-      const cv::Point2d center(plate.box.x + plate.box.width / 2.0,
-                               plate.box.y + plate.box.height / 2.0);
-      return !options_.region.contains(center, frame.image.size());
-    });
-  }
+  std::erase_if(result.plates, [&](const Reading& plate) {
+    return !options_.region.contains_center(plate.box, frame.image.size());
+  });
   if (frame.still) return result;
   track({frame.index - state.start_index, frame.time - state.start_time, frame.image, result.plates,
          moment, state.source},

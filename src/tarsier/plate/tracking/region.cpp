@@ -70,6 +70,10 @@ bool Region::contains(cv::Point2d point, cv::Size image) const {
   return inside;
 }
 
+bool Region::contains_center(const cv::Rect& box, cv::Size image) const {
+  return contains({box.x + box.width / 2.0, box.y + box.height / 2.0}, image);
+}
+
 std::vector<cv::Point> Region::outline(cv::Size image) const {
   std::vector<cv::Point> points;
   points.reserve(corners.size());

@@ -16,6 +16,8 @@ struct Region {
 
   // Even-odd rule. The result is undefined for points on an edge.
   [[nodiscard]] bool contains(cv::Point2d point, cv::Size image) const;
+  // Whether the centre of the box, px, is inside.
+  [[nodiscard]] bool contains_center(const cv::Rect& box, cv::Size image) const;
   // Corners in px, for drawing.
   [[nodiscard]] std::vector<cv::Point> outline(cv::Size image) const;
 };

@@ -34,12 +34,11 @@ std::vector<const Reading*> unique_readings(const TrackerOptions& options,
   std::vector<const Reading*> readings;
   for (const Reading& reading : frame.readings) {
     if (reading.text.empty() || reading.box.empty()) continue;
-    const cv::Point2d center{reading.box.x + 0.5 * (reading.box.width - 1),
-                             reading.box.y + 0.5 * (reading.box.height - 1)};
     const bool inside =
         options.region.corners.empty() || !options.region.relative || !frame.image.empty();
     TARSIER_REQUIRE(inside, "a region in shares of an image that is not there");
-    if (options.region.contains(center, frame.image.size())) readings.push_back(&reading);
+    if (options.region.contains_center(reading.box, frame.image.size()))
+      readings.push_back(&reading);
   }
   std::stable_sort(readings.begin(), readings.end(), [](const Reading* a, const Reading* b) {
     return a->confidence > b->confidence;
