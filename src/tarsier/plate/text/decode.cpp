@@ -103,7 +103,6 @@ Decoder::Decoder(CountryChoice choice, const DecodeOptions& options)
 Decoder::~Decoder() = default;
 Decoder::Decoder(Decoder&&) noexcept = default;
 Decoder& Decoder::operator=(Decoder&&) noexcept = default;
-const CountryChoice& Decoder::choice() const { return tables_->choice; }
 
 std::vector<DecodedText> Decoder::decode(const cv::Mat& probabilities) const {
   require_probabilities(probabilities);
@@ -135,11 +134,6 @@ std::vector<DecodedText> Decoder::decode(const cv::Mat& probabilities) const {
     align(text, *tables_, probabilities);
   }
   return texts;
-}
-
-std::vector<DecodedText> decode(const cv::Mat& probabilities, const CountryChoice& choice,
-                                const DecodeOptions& options) {
-  return Decoder(choice, options).decode(probabilities);
 }
 
 }  // namespace tarsier::plate

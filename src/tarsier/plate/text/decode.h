@@ -73,17 +73,10 @@ class Decoder {
   // for another matrix.
   [[nodiscard]] std::vector<DecodedText> decode(const cv::Mat& probabilities) const;
 
-  [[nodiscard]] const CountryChoice& choice() const;
-
   struct Tables;
 
  private:
   std::unique_ptr<const Tables> tables_;
 };
-
-// Decodes once. Keep a Decoder to save its preparation.
-[[nodiscard]] std::vector<DecodedText> decode(const cv::Mat& probabilities,
-                                              const CountryChoice& choice,
-                                              const DecodeOptions& options);
 
 }  // namespace tarsier::plate

@@ -27,6 +27,11 @@ CountryChoice choice_of(const std::string& text, bool free_text = false,
   return choice;
 }
 
+std::vector<DecodedText> decode(const cv::Mat& probabilities, const CountryChoice& choice,
+                                const DecodeOptions& options) {
+  return Decoder(choice, options).decode(probabilities);
+}
+
 // The content of one column: symbols with their probabilities, the rest blank.
 using Column = std::map<char, float>;
 

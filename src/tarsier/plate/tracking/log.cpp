@@ -549,11 +549,6 @@ std::vector<std::uint8_t> PlateLog::crop(std::int64_t id) {
   return row.step() ? row.bytes(0) : std::vector<std::uint8_t>();
 }
 
-std::int64_t PlateLog::count() {
-  Statement row(database_, "SELECT count(*) FROM plate");
-  return row.step() ? row.integer(0) : 0;
-}
-
 PlateHistory PlateLog::history(const std::string& text, Moment moment) {
   const std::string query =
       corrected_

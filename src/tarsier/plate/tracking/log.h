@@ -135,8 +135,6 @@ class PlateLog {
   // JPEG bytes; empty if there is no image.
   [[nodiscard]] std::vector<std::uint8_t> crop(std::int64_t id);
 
-  [[nodiscard]] std::int64_t count();
-
   // The entries with exactly this (corrected) text that ended before `moment`.
   [[nodiscard]] PlateHistory history(const std::string& text, Moment moment);
 

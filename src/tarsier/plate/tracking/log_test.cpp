@@ -64,6 +64,10 @@ PlateEvent event_of(const std::string& text, double first, double last) {
   return event;
 }
 
+std::int64_t count_of(PlateLog& log) {
+  return log.query({}, [](const LoggedPlate&) { return true; });
+}
+
 std::int64_t add(PlateLog& log, PlateEvent event, const std::string& source, Moment origin) {
   const auto moment = [&](double seconds) {
     return origin + std::chrono::milliseconds(static_cast<std::int64_t>(1000 * seconds));
@@ -180,7 +184,7 @@ TEST_F(PlateLogTest, ForgetFreesDiskSpace) {
   const auto days = [](int count) { return std::chrono::hours(24 * count); };
   EXPECT_EQ(log.forget(moment_at("2024-05-11"), days(1)), 10);
   EXPECT_EQ(log.forget(moment_at("2024-05-11"), days(1)), 0);
-  EXPECT_EQ(log.count(), 1);
+  EXPECT_EQ(count_of(log), 1);
   EXPECT_THAT(texts(log), ElementsAre("5678FGH"));
   EXPECT_LT(std::filesystem::file_size(path("plates.db")), before / 4);
 }
@@ -212,7 +216,7 @@ TEST_F(PlateLogTest, StaysUsableAfterALock) {
     EXPECT_THAT(texts(log), ElementsAre("1234BCD"));
   }
   add(log, event_of("5678FGH", 0, 1), "cam", moment_at("2024-05-01"));
-  EXPECT_EQ(log.count(), 2);
+  EXPECT_EQ(count_of(log), 2);
 }
 
 TEST_F(PlateLogTest, HandlesMalformedEntries) {
@@ -357,11 +361,11 @@ TEST_F(PlateLogTest, OthersCanWriteBetweenBatchesOfForget) {
   options.after_batch = [&](std::int64_t deleted) {
     ++batches;
     add(other, event_of("5678FGH", 0, 1), "cam", moment_at("2024-06-01"));
-    EXPECT_EQ(reader.count(), 50 - deleted + batches);
+    EXPECT_EQ(count_of(reader), 50 - deleted + batches);
   };
   EXPECT_EQ(log.forget(moment_at("2024-06-01"), std::chrono::hours(24), options), 50);
   EXPECT_GE(batches, 5);
-  EXPECT_EQ(log.count(), batches);
+  EXPECT_EQ(count_of(log), batches);
   LogFilter filter;
   filter.text = "*34B*";
   EXPECT_THAT(texts(log, filter), IsEmpty());
@@ -389,7 +393,7 @@ TEST_F(PlateLogTest, ForgetKeepsRecentEntriesOfAWrongClock) {
   EXPECT_EQ(log.forget(moment_at("2026-05-20"), month), 0);
   // .. and not longer.
   EXPECT_EQ(log.forget(moment_at("2026-06-01"), month), 2);
-  EXPECT_EQ(log.count(), 0);
+  EXPECT_EQ(count_of(log), 0);
   // The clock is never set, but it advances. Entries a month older than the latest are deleted.
   put("3333DDD", "2024-02-01");
   put("4444FFF", "2024-03-15");

@@ -150,11 +150,6 @@ class PlateRecorder::Writer {
 
   [[nodiscard]] const std::string& path() const { return log_.path(); }
 
-  [[nodiscard]] std::size_t waiting() const {
-    const std::lock_guard lock(mutex_);
-    return count();
-  }
-
  private:
   [[nodiscard]] std::size_t count() const { return tasks_.size() + being_written_; }
 
@@ -315,7 +310,5 @@ void PlateRecorder::trust_clock() {
 void PlateRecorder::check() { writer_->check(); }
 
 void PlateRecorder::finish(double timeout_s) { writer_->finish(timeout_s); }
-
-std::size_t PlateRecorder::waiting() const { return writer_->waiting(); }
 
 }  // namespace tarsier::plate

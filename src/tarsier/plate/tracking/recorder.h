@@ -77,8 +77,6 @@ class PlateRecorder {
   // Throws OutputError, which says how many vehicles are not in the log.
   void finish(double timeout_s = 3600);
 
-  [[nodiscard]] std::size_t waiting() const;  // vehicles that are not on the disk yet
-
  private:
   class Writer;
   std::unique_ptr<Writer> writer_;

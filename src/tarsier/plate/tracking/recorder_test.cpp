@@ -126,13 +126,11 @@ TEST_F(RecorderTest, QueuesEventsWhileTheLogIsLocked) {
     recorder.check();
   };
   for (int k = 0; k < 8; ++k) frame(k);
-  EXPECT_EQ(recorder.waiting(), 3U);
   EXPECT_TRUE(entries().empty());
   for (int k = 8; k < 30; ++k) frame(k);
   lock.release();
   for (const PlateEvent& event : flush_tracker(options, state)) recorder.record(event);
   recorder.finish();
-  EXPECT_EQ(recorder.waiting(), 0U);
   EXPECT_THAT(entries(), testing::UnorderedElementsAre(HasSubstr("1111BCD closed"),
                                                        HasSubstr("2222BCD closed"),
                                                        HasSubstr("3333BCD closed")));
