@@ -362,6 +362,7 @@ std::vector<Country> read_countries(const std::string& folder) {
     }
     if (error) throw InputError(folder, error.message());
   }
+  if (paths.empty()) throw InputError(folder, "contains no layouts of countries (CODE.txt)");
   std::vector<Country> countries;
   countries.reserve(paths.size());
   for (const std::string& path : paths) {

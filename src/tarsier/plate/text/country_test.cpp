@@ -238,6 +238,7 @@ TEST_F(CountryFolder, ErrorSuggestsTheNearestCode) {
 }
 
 TEST_F(CountryFolder, ErrorNamesTheFile) {
+  EXPECT_THROW((void)read_countries(folder_), InputError) << "no files";
   write_file_atomically(path("es.txt"), "DDDDLLL\nDDDD?!\n");
   try {
     (void)read_countries(folder_);
