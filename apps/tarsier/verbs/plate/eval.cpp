@@ -214,7 +214,8 @@ void add_plate_eval(Command& plate, Context& context, ImageReading reading) {
                   "results: .jsonl file of `plate read --json`, - for stdin; or the images to read")
       .required();
   verb.add_option("--truth", flags->truths,
-                  "ground truth CSV with columns image,x,y,w,h,text; repeatable")
+                  "ground truth CSV with columns image,x,y,w,h,text ('-': a hidden character); "
+                  "repeatable")
       .required();
   bind_all(verb, flags->options);
   verb.add_flag("--errors", flags->errors, "list missed and misread plates");

@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -69,6 +70,19 @@ std::optional<cv::Rect2d> parse_box(const std::array<std::string, 6>& fields,
       fail(path, line, fmt::format("'{}' is not a valid {}", printable(field), kColumns[k + 1]));
   }
   return cv::Rect2d{numbers[0], numbers[1], numbers[2], numbers[3]};
+}
+
+// Whether a '-' is probably a separator of the plate and no hidden character.
+bool has_separator(const std::string& text) {
+  constexpr int kMaxHidden = 2;
+  if (std::count(text.begin(), text.end(), '-') > kMaxHidden) return true;
+  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+  for (std::size_t k = 1; k + 1 < text.size(); ++k) {
+    if (text[k] == '-' && text[k - 1] != '-' && text[k + 1] != '-' &&
+        is_digit(text[k - 1]) != is_digit(text[k + 1]))
+      return true;
+  }
+  return false;
 }
 
 // --- readings ---
@@ -186,6 +200,8 @@ PlateTruth read_plate_truth(const std::string& path) {
   PlateTruth truth;
   std::array<std::size_t, 6> column_indices{};
   std::size_t width = 0;
+  int separators = 0;
+  std::string example;
   for (int line = 1; !text.empty(); ++line) {
     std::string_view content = next_line(text);
     if (content.ends_with('\r')) content.remove_suffix(1);
@@ -205,6 +221,15 @@ PlateTruth read_plate_truth(const std::string& path) {
     const std::string image = values[0].substr(values[0].rfind('/') + 1);
     if (image.empty()) fail(path, line, "no image");
     truth[image].push_back({parse_box(values, path, line), plate_symbols(values[5], true)});
+    if (has_separator(truth[image].back().text) && separators++ == 0)
+      example = truth[image].back().text;
+  }
+  if (separators > 0) {
+    log_warning(
+        "{}: {} texts like {}: a '-' is a hidden character, so any character of a reading is "
+        "right; "
+        "omit the hyphens of a plate",
+        path, separators, example);
   }
   if (width == 0) throw InputError(path, "empty: the header image,x,y,w,h,text is expected");
   return truth;

@@ -220,6 +220,18 @@ TEST_F(TruthTest, ReadsBoxesTextsAndEmptyFields) {
   EXPECT_EQ(truth.at("b.jpg")[1].text, "");
 }
 
+TEST_F(TruthTest, WarnsOfHyphens) {
+  const auto warning_of = [&](const std::string& rows) {
+    testing::internal::CaptureStderr();
+    (void)truth_of("image,x,y,w,h,text\n" + rows);
+    return testing::internal::GetCapturedStderr();
+  };
+  EXPECT_THAT(warning_of("a.jpg,,,,,1-34BC-\na.jpg,,,,,12--BCD\n"), ::testing::IsEmpty());
+  EXPECT_THAT(warning_of("a.jpg,,,,,92-5-TXW\na.jpg,,,,,AB-12\na.jpg,,,,,1234BCD\n"),
+              HasSubstr("2 texts like 92-5-TXW"));
+  EXPECT_THAT(warning_of("a.jpg,,,,,A-B-C-D\n"), HasSubstr("1 texts like A-B-C-D"));
+}
+
 TEST_F(TruthTest, ErrorNamesTheLine) {
   const std::string header = "image,x,y,w,h,text\n";
   EXPECT_THAT(error_of(""), HasSubstr("empty"));
