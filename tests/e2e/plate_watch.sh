@@ -16,7 +16,7 @@ run plate watch add gate.csv 2863SDN --label Ann
 expect_out '^changed: 2863SDN +Ann +errors 0.25 +approaching +any +any$' # the other columns stay
 run plate watch add gate.csv 2863SDN --tolerate 0 --direction any --hours 08:00-09:00 --days mon
 expect_out '^changed: 2863SDN +Ann +errors 0 +any +08:00-09:00 +mon$'
-run plate watch add gate.csv 2863SDN --tolerate 0.25 --hours '' --days ''
+run plate watch add gate.csv 2863SDN --tolerate 0.25 --hours any --days any
 run plate watch list gate.csv
 expect_out '^2863SDN +Ann +errors 0.25 +any +any +any$' '^B12\* .*22:00-06:00 +fri$'
 [ "$(wc -l <stdout.txt)" -eq 2 ] || fail "the list has $(wc -l <stdout.txt) entries"

@@ -23,7 +23,7 @@ namespace {
 using plate::WatchEntry;
 using plate::WatchList;
 
-constexpr const char* kAnyDirection = "any";
+constexpr const char* kAny = "any";
 
 struct WatchFlags {
   std::string list;
@@ -67,13 +67,14 @@ WatchEntry changed_entry(const WatchList& list, const WatchFlags& flags) {
   if (present != list.entries().end()) entry = *present;
   if (flags.label) entry.label = plate::checked_label(*flags.label, "--label");
   if (flags.errors) entry.errors = *flags.errors;
-  if (flags.direction == kAnyDirection) {
+  const auto column = [](const std::string& text) { return text == kAny ? "" : text; };
+  if (flags.direction == kAny) {
     entry.direction.reset();
   } else if (!flags.direction.empty()) {
     entry.direction = plate::parse_direction(flags.direction, "--direction");
   }
-  if (flags.hours) entry.hours = plate::parse_hours(*flags.hours, "--hours");
-  if (flags.days) entry.days = plate::parse_days(*flags.days, "--days");
+  if (flags.hours) entry.hours = plate::parse_hours(column(*flags.hours), "--hours");
+  if (flags.days) entry.days = plate::parse_days(column(*flags.days), "--days");
   return entry;
 }
 
@@ -162,15 +163,14 @@ void add_add_flags(Command& verb, WatchFlags& flags) {
           "maximum reading error: 1 allows any one edit, 0.25 or 0.5 only common confusions")
       .check(range(0.0, WatchEntry::kMaxErrors))
       .show_default(fmt::format("{:g}", WatchEntry::kDefaultErrors));
-  std::vector<std::string> names{kAnyDirection};
+  std::vector<std::string> names{kAny};
   for (const plate::Direction direction : plate::kDirections)
     names.emplace_back(name_of(direction));
   verb.add_option("--direction", flags.direction, "only vehicles that move in this direction")
       .check(one_of(names));
-  verb.add_option("--hours", flags.hours,
-                  "only at these hours, local time: 22:00-06:00; '' for all day");
+  verb.add_option("--hours", flags.hours, "only at these hours, local time: 22:00-06:00, or any");
   verb.add_option("--days", flags.days,
-                  "days on which the hours begin: mon-fri, 'sat sun'; '' for all");
+                  "days on which the hours begin: mon-fri, 'sat sun', or any");
 }
 
 void add_remove_flags(Command& verb, WatchFlags& flags) {

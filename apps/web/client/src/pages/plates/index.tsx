@@ -370,7 +370,7 @@ function Watch(props: { entries: WatchEntry[]; problem: string | undefined; onCh
       await api.run(
         'plate watch add',
         [watchList, clean],
-        filled({ '--label': label.trim(), '--hours': hours.trim() }),
+        filled({ '--label': label.trim(), '--hours': hours.trim() || 'any' }),
       );
       setPlate('');
       setLabel('');
