@@ -40,6 +40,10 @@ wait $pid
 grep -q '"state":"closed",.*"source":"live"' alone.txt || fail "nothing of the live camera: $(cut -c1-300 alone.txt)"
 grep -q '"camera":"dead","received":0' alone.txt || fail "no report of the dead one: $(tail -1 alone.txt)"
 
+# Plates of other countries are counted as for a single source.
+run plate read 'a=synth:drive?live=1&fps=5&frames=15&size=640x360&seconds=4&seed=3' --country br --motion 0
+grep -q 'readings fit no layout of --country br' stderr.txt || fail "no warning of other countries: $err"
+
 # What goes with one source alone, and what is no camera.
 two=('synth:drive?live=1' 'synth:drive?live=1&seed=2')
 run plate read "${two[@]}" -o drawn/
@@ -51,6 +55,14 @@ run plate read "${two[@]}" --csv read.csv
 expect_status 2
 expect_error 'csv needs a single source; for several cameras use --log'
 [ ! -e read.csv ] || fail "a table was begun"
+run plate read "${two[@]}" --debug-dir stages
+expect_status 2
+expect_error 'debug-dir needs a single source'
+for flag in --camera-roi=a=0,0,1,1 --camera-fps=10 --motion=0; do
+  run plate read synth:drive $flag
+  expect_status 2
+  expect_error "${flag%%=*}: needs several cameras"
+done
 run plate read a=photo.jpg b=photo.jpg
 expect_status 3
 run plate read "${two[@]}" --camera-roi 'gate=0,0,1,1'

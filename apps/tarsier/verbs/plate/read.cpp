@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/csv.h"
-#include "tarsier/core/log.h"
 #include "tarsier/plate/reader/video_reader.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include "framework/bind.h"
 #include "framework/run_session.h"
@@ -43,31 +41,6 @@ std::string row_of(const Frame& frame, const plate::Reading& reading) {
                      reading.box.width, reading.box.height);
 }
 
-// Counts plates of countries that were not requested.
-class UnsuitablePlateCounter {
- public:
-  void add(const std::vector<plate::Reading>& readings) {
-    for (const plate::Reading& reading : readings) {
-      ++plates_;
-      if (reading.unfit.empty()) continue;
-      ++unfit_;
-      if (example_.empty()) example_ = reading.unfit;
-    }
-  }
-  void warn(const std::vector<std::string>& countries) const {
-    if (unfit_ == 0) return;
-    log_warning(
-        "{} of {} readings fit no layout of --country {} (one looks like {}): their confidence is "
-        "low; name their country as well, or leave --country out",
-        unfit_, plates_, fmt::join(countries, ","), printable(example_));
-  }
-
- private:
-  std::int64_t plates_ = 0;
-  std::int64_t unfit_ = 0;
-  std::string example_;
-};
-
 ExitStatus run_read(ReadFlags& flags, Context& context) {
   if (!flags.region.empty()) flags.tracker.region = plate::parse_region(flags.region);
   flags.tracker.check();
@@ -75,9 +48,11 @@ ExitStatus run_read(ReadFlags& flags, Context& context) {
   if (!cameras.empty()) {
     if (!flags.csv.empty())
       throw UsageError("--csv needs a single source; for several cameras use --log");
+    if (!context.debug_dir.empty()) throw UsageError("--debug-dir needs a single source");
     return read_site(cameras, flags.site, flags.run, flags.plate, flags.tracker, flags.reports,
                      context);
   }
+  check_no_site_flags(flags.site);
   // If no image is requested, the readings are the output.
   default_to_headless(flags.run);
   plate::VideoReader reader = plate::VideoReader::load(

@@ -6,6 +6,7 @@
 #include "tarsier/synth/sources.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -91,6 +92,23 @@ plate::SourceTimes source_times(const std::string& name, const ReportFlags& flag
 }
 
 }  // namespace
+
+void UnsuitablePlateCounter::add(const std::vector<plate::Reading>& readings) {
+  for (const plate::Reading& reading : readings) {
+    ++plates_;
+    if (reading.unfit.empty()) continue;
+    ++unfit_;
+    if (example_.empty()) example_ = reading.unfit;
+  }
+}
+
+void UnsuitablePlateCounter::warn(const std::vector<std::string>& countries) const {
+  if (unfit_ == 0) return;
+  log_warning(
+      "{} of {} readings fit no layout of --country {} (one looks like {}): their confidence is "
+      "low; name their country as well, or leave --country out",
+      unfit_, plates_, fmt::join(countries, ","), printable(example_));
+}
 
 void add_report_flags(Command& verb, ReportFlags& flags) {
   const auto video = [](Flag& flag) { flag.group("Videos and cameras"); };

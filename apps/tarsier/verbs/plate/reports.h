@@ -34,6 +34,18 @@ struct ReportFlags {
   PublishFlags publish;
 };
 
+// Counts plates of countries that were not requested.
+class UnsuitablePlateCounter {
+ public:
+  void add(const std::vector<plate::Reading>& readings);
+  void warn(const std::vector<std::string>& countries) const;
+
+ private:
+  std::int64_t plates_ = 0;
+  std::int64_t unfit_ = 0;
+  std::string example_;
+};
+
 void add_report_flags(Command& verb, ReportFlags& flags);
 
 // Reports events to the log, watch list, command and broker, with wall-clock times. Not

@@ -8,12 +8,14 @@
 #include <opencv2/core/utility.hpp>
 
 #include "framework/bind.h"
+#include "framework/flag_info.h"
 #include "framework/input_schemes.h"
 #include "framework/output.h"
 #include <algorithm>
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <thread>
@@ -107,12 +109,22 @@ void print_reports(const std::vector<plate::CameraReport>& reports, const Contex
 
 void add_site_flags(Command& verb, SiteFlags& flags) {
   constexpr const char* kGroup = "Several cameras";
-  verb.add_option("--camera-roi", flags.regions,
-                  "--roi of one camera, NAME=x,y,w,h; one for each camera")
-      .one_value_each()
-      .group(kGroup);
-  bind_all(verb, flags.options, kGroup);
-  bind_field(verb, flags.options.motion, flags.options.motion.threshold).group(kGroup);
+  flags.bound.push_back(&verb.add_option("--camera-roi", flags.regions,
+                                         "--roi of one camera, NAME=x,y,w,h; one for each camera")
+                             .one_value_each()
+                             .group(kGroup));
+  for (const OptionField& field : flags.options.fields())
+    if (!field.flag.empty()) flags.bound.push_back(&add_field(verb, field).group(kGroup));
+  flags.bound.push_back(
+      &bind_field(verb, flags.options.motion, flags.options.motion.threshold).group(kGroup));
+}
+
+void check_no_site_flags(const SiteFlags& flags) {
+  for (const Flag* flag : flags.bound) {
+    if (flag->count() == 0) continue;
+    throw UsageError(fmt::format("{}: needs several cameras, or one with a name (NAME=SOURCE)",
+                                 flag->describe().names.front()));
+  }
 }
 
 std::vector<NamedSource> site_cameras(const RunFlags& run) {
@@ -158,15 +170,24 @@ ExitStatus read_site(const std::vector<NamedSource>& cameras, const SiteFlags& f
   reading.recognizer.parallel = false;
   const auto reader =
       std::make_shared<const plate::Reader>(plate::Reader::load(ModelStore::find(), reading));
-  const plate::VideoReader::ReadPart read = [reader](const Frame& frame, const cv::Rect& where,
-                                                     DebugSink* debug) {
-    return reader->process(frame, debug, nullptr, where);
-  };
+  UnsuitablePlateCounter unfit;
+  std::mutex unfit_mutex;
   std::vector<plate::SiteCamera> all;
   for (const NamedSource& camera : cameras) {
     plate::TrackerOptions own = tracker;
     if (const auto region = regions.find(camera.name); region != regions.end())
       own.region = region->second;
+    const plate::VideoReader::ReadPart read = [&, reader, region = own.region](
+                                                  const Frame& frame, const cv::Rect& where,
+                                                  DebugSink* debug) {
+      plate::ReaderResult result = reader->process(frame, debug, nullptr, where);
+      std::erase_if(result.plates, [&](const plate::Reading& plate) {
+        return !region.contains_center(plate.box, frame.image.size());
+      });
+      const std::lock_guard lock(unfit_mutex);
+      unfit.add(result.plates);
+      return result;
+    };
     all.push_back(
         {camera.name,
          [text = camera.source, source] { return open_source(text, source, input_schemes()); },
@@ -198,6 +219,7 @@ ExitStatus read_site(const std::vector<NamedSource>& cameras, const SiteFlags& f
   }
   const bool interrupted = context.stop.stop_requested();
   reports.finish(interrupted);
+  unfit.warn(plates.reader.countries);
   if (interrupted) return ExitStatus::kInterrupted;
   return reports.has_closed_events() ? ExitStatus::kDone : ExitStatus::kNothingFound;
 }

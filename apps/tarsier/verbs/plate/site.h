@@ -16,9 +16,13 @@ namespace tarsier::cli {
 struct SiteFlags {
   plate::SiteOptions options;
   std::vector<std::string> regions;  // NAME=REGION
+  std::vector<const Flag*> bound;    // the flags themselves
 };
 
 void add_site_flags(Command& verb, SiteFlags& flags);
+
+// Throws UsageError if one of the flags was given.
+void check_no_site_flags(const SiteFlags& flags);
 
 struct NamedSource {
   std::string name;
