@@ -218,9 +218,12 @@ void PlateReports::report_still(const Frame& frame, const std::vector<plate::Rea
     event.first_seen = event.last_seen = std::min(modification_time(frame.name).value_or(now), now);
     const auto match = match_of(event);
     if (!context_.json) print_reading(frame, reading, match);
-    if (on_event_ && (match || !flags_.on_watch)) on_event_.post(line_of(event, match));
-    if (publisher_) publisher_.post(line_of(event, match), event.best_crop);
+    const bool posts_event = on_event_ && (match || !flags_.on_watch);
+    nlohmann::ordered_json line;
+    if (posts_event || publisher_) line = line_of(event, match);  // before its own entry
     if (log_) log_->record(event);
+    if (posts_event) on_event_.post(line);
+    publisher_.post(std::move(line), event.best_crop);
   }
 }
 
