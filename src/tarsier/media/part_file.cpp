@@ -80,6 +80,7 @@ PartFile::PartFile(std::string target) : target_(std::move(target)) {
     const fs::path real = fs::canonical(target_, error);
     if (!error) target_ = real.string();
   }
+  name_ = free_recording_name(target_);
   for (int number = 1; number <= kMaxParts && fd_ < 0; ++number) {
     part_ = part_name(target_, number);
     fd_ = ::open(part_.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
@@ -94,8 +95,7 @@ PartFile::PartFile(std::string target) : target_(std::move(target)) {
   if (fd_ < 0) throw OutputError(target_, "too many recordings that were cut off lie beside it");
   (void)::flock(fd_, LOCK_EX | LOCK_NB);  // if the file system has locks
   if (exists) (void)::fchmod(fd_, info.st_mode & 0777);
-  if (const std::string name = free_recording_name(target_); name != target_)
-    log_warning("{}: exists and stays; this recording will be {}", target_, name);
+  if (name_ != target_) log_warning("{}: exists; this recording will be {}", target_, name_);
   syncing_ = std::jthread([this](const std::stop_token& stop) {
     while (sleep_unless_stopped(kSyncInterval, stop)) (void)::fdatasync(fd_);
   });
@@ -116,7 +116,7 @@ void PartFile::commit() {
   // Another recording of this name may have ended meanwhile.
   std::string name = free_recording_name(target_);
   while (!rename_to(name)) name = free_recording_name(target_);
-  if (name != target_) log_warning("{}: the recording is {}", target_, name);
+  if (name != name_) log_warning("{}: exists; this recording is {}", name_, name);
   committed_ = true;
   sync_folder(name);
 }

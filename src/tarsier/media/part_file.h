@@ -28,6 +28,7 @@ class PartFile {
   bool rename_to(const std::string& name);
 
   std::string target_;
+  std::string name_;  // that commit() gives, unless another recording takes it meanwhile
   std::string part_;
   int fd_ = -1;
   bool committed_ = false;
