@@ -51,16 +51,33 @@ std::vector<const Image*> ends_of(const Model& model, const KnownDistance& known
   return ends;
 }
 
-Placement::Aligned align(Model& model, const PlacementOptions& options, const Positions& known,
-                         std::uint64_t seed) {
-  std::vector<Eigen::Vector3d> from;
-  std::vector<Eigen::Vector3d> to;
+// The centers of the registered images whose positions are known, and these positions.
+struct KnownCenters {
+  std::vector<Eigen::Vector3d> centers;
+  std::vector<Eigen::Vector3d> positions;
+};
+
+KnownCenters known_centers_of(const Model& model, const Positions& known) {
+  KnownCenters result;
   for (const Image& image : model.images) {
     const auto position = known.find(image.name);
     if (!image.registered || position == known.end()) continue;
-    from.push_back(image.pose.center());
-    to.push_back(position->second);
+    result.centers.push_back(image.pose.center());
+    result.positions.push_back(position->second);
   }
+  return result;
+}
+
+double mean_residual_of(const geometry::Sim3& similarity, const std::vector<Eigen::Vector3d>& from,
+                        const std::vector<Eigen::Vector3d>& to) {
+  double sum = 0;
+  for (std::size_t i = 0; i < from.size(); ++i) sum += (similarity * from[i] - to[i]).norm();
+  return sum / static_cast<double>(from.size());
+}
+
+Placement::Aligned align(Model& model, const PlacementOptions& options, const Positions& known,
+                         std::uint64_t seed) {
+  const auto [from, to] = known_centers_of(model, known);
   const auto similarity = robust_similarity(from, to, 0, seed);
   if (!similarity) {
     throw InputError(source_of(options),
@@ -69,9 +86,22 @@ Placement::Aligned align(Model& model, const PlacementOptions& options, const Po
                                  from.size()));
   }
   transform(model, *similarity);
-  double sum = 0;
-  for (std::size_t i = 0; i < from.size(); ++i) sum += (*similarity * from[i] - to[i]).norm();
-  return {static_cast<int>(from.size()), similarity->scale, sum / static_cast<double>(from.size())};
+  return {static_cast<int>(from.size()), similarity->scale,
+          mean_residual_of(*similarity, from, to)};
+}
+
+// Scales an aligned model about the mean of its cameras: the origin may be far away.
+void scale_in_place(Model& model, const Positions& known, double scale,
+                    Placement::Aligned& aligned) {
+  const auto [centers, positions] = known_centers_of(model, known);
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& center : centers) mean += center;
+  mean /= static_cast<double>(centers.size());
+  geometry::Sim3 similarity;
+  similarity.scale = scale;
+  similarity.translation = (1 - scale) * mean;
+  transform(model, similarity);
+  aligned.mean_residual = mean_residual_of(similarity, centers, positions);
 }
 
 }  // namespace
@@ -217,18 +247,20 @@ Placement place(Model& model, const PlacementOptions& options, const Positions& 
   std::vector<const Image*> ends;
   if (options.distance) ends = ends_of(model, *options.distance);
   if (options.alignment != Alignment::kNone) placement.aligned = align(model, options, known, seed);
-  geometry::Sim3 similarity;
   if (options.distance) {
-    similarity.scale =
+    placement.scale =
         options.distance->distance / (ends[0]->pose.center() - ends[1]->pose.center()).norm();
   } else if (markers) {
     // The markers were measured before the model was aligned.
-    similarity.scale = markers->scale / (placement.aligned ? placement.aligned->scale : 1);
-  } else {
-    return placement;
+    placement.scale = markers->scale / (placement.aligned ? placement.aligned->scale : 1);
   }
-  transform(model, similarity);
-  placement.scale = similarity.scale;
+  if (placement.scale && placement.aligned) {
+    scale_in_place(model, known, *placement.scale, *placement.aligned);
+  } else if (placement.scale) {
+    geometry::Sim3 similarity;
+    similarity.scale = *placement.scale;
+    transform(model, similarity);
+  }
   return placement;
 }
 

@@ -50,7 +50,7 @@ struct Placement {
   struct Aligned {
     int images = 0;            // images with a known position
     double scale = 1;          // units of the positions per unit of the model
-    double mean_residual = 0;  // between camera and position, units of the positions
+    double mean_residual = 0;  // between camera and position, in the placed model
   };
   std::optional<Aligned> aligned;
   std::optional<double> scale;  // from the known distance or the markers
@@ -85,7 +85,8 @@ struct Placement {
                                      const std::string& database = "");
 
 // Aligns the model with the positions (robust_similarity()), then scales it by the known distance
-// or by `markers`. `markers` is the result of marker_scale() and is required with options.markers.
+// or by `markers`. An aligned model is scaled about the mean of its cameras with known positions, so
+// it stays where they are. `markers` is the result of marker_scale() and is required with options.markers.
 // Throws Error where the registered images do not determine scale or place; the model is then
 // unchanged.
 [[nodiscard]] Placement place(Model& model, const PlacementOptions& options, const Positions& known,

@@ -119,6 +119,31 @@ TEST(Placement, MarkersGiveTheScaleAlsoOfAnAlignedModel) {
   EXPECT_THROW((void)place(model, options, {}, 1), std::invalid_argument);  // no measurement
 }
 
+TEST(Placement, AKnownDistanceLeavesAnAlignedModelAtItsPositions) {
+  Model model = synthetic_model();
+  geometry::Sim3 far = some_similarity();
+  far.translation = {500'000, 4'650'000, 100};  // as UTM
+  const Positions known = moved_positions(model, far);
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const auto& [name, position] : known) mean += position / static_cast<double>(known.size());
+  const double aligned_distance =
+      (known.at(model.images[0].name) - known.at(model.images[3].name)).norm();
+  PlacementOptions options = by_positions();
+  options.distance =
+      KnownDistance{model.images[0].name, model.images[3].name, 1.01 * aligned_distance};
+  const Placement placement = place(model, options, known, 1);
+  EXPECT_NEAR(placement.scale.value_or(0), 1.01, 1e-6);
+  double residual = 0;
+  for (const Image& image : model.images) {
+    if (!image.registered) continue;
+    const Eigen::Vector3d expected = mean + 1.01 * (known.at(image.name) - mean);
+    EXPECT_LT((image.pose.center() - expected).norm(), 1e-5);
+    residual += (image.pose.center() - known.at(image.name)).norm() / 4;
+  }
+  ASSERT_TRUE(placement.aligned);
+  EXPECT_NEAR(placement.aligned->mean_residual, residual, 1e-9) << "of the scaled model";
+}
+
 TEST(Placement, WithoutOptionsLeavesTheModel) {
   const Model before = synthetic_model();
   Model model = before;
