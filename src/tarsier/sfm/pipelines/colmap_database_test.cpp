@@ -5,6 +5,7 @@
 #include "tarsier/core/rng.h"
 #include "tarsier/media/sqlite.h"
 #include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/pipelines/known_features.h"
 #include "tarsier/sfm/pipelines/testing_colmap_database.h"
 
 #include <fmt/format.h>
@@ -77,6 +78,36 @@ TEST(ColmapDatabase, RoundTripKeepsContent) {
   EXPECT_EQ(read.pairs[0].first, 0);
   EXPECT_EQ(read.pairs[0].second, 2);
   EXPECT_EQ(read.pairs[0].matches, written.pairs[0].matches);
+}
+
+// COLMAP makes a camera for each image by default.
+TEST(ColmapDatabase, CamerasOfOneImageAreSharedWhereTheyAreEqual) {
+  const TemporaryFolder folder;
+  const auto cameras_of = [&](const ColmapDatabase& database) {
+    write_colmap_database(folder / "database.db", database);
+    KnownFeatures known(folder / "database.db");
+    ImageSet set(PipelineOptions{});
+    std::vector<int> cameras;
+    for (const auto& image : database.images) {
+      ImageFeatures features;
+      known.fill({image.name, ""}, cv::Mat(), features, PipelineOptions{});
+      set.add(features, image.name);
+      cameras.push_back(set.images().back().camera);
+    }
+    return cameras;
+  };
+  ColmapDatabase database = drawn();
+  const auto guessed = database.cameras[1];
+  database.cameras = {guessed, guessed, guessed};
+  for (int i = 0; i < 3; ++i) database.images[static_cast<std::size_t>(i)].camera = i;
+  EXPECT_EQ(cameras_of(database), (std::vector<int>{0, 0, 0}));
+  // The same focal length, another principal point.
+  database.cameras[1].camera.cx += 20;
+  EXPECT_EQ(cameras_of(database), (std::vector<int>{0, 1, 0}));
+  // The database says which images share a camera.
+  database.cameras[1] = guessed;
+  database.images[1].camera = 0;
+  EXPECT_EQ(cameras_of(database), (std::vector<int>{0, 0, 1}));
 }
 
 TEST(ColmapDatabase, ReplacesExistingFile) {

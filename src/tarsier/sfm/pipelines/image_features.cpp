@@ -215,8 +215,7 @@ std::vector<ImagePair> choose_pairs(const std::vector<std::string>& names,
 }
 
 void ImageSet::add(const ImageFeatures& image_features, const std::string& name) {
-  const std::tuple key(image_features.size.width, image_features.size.height,
-                       image_features.lens.camera.fx, image_features.body);
+  const std::pair key(camera_text(image_features.lens), image_features.body);
   auto [entry, fresh] = known_.try_emplace(key, static_cast<int>(cameras_.size()));
   if (fresh || !options_.shared_camera) {
     entry->second = static_cast<int>(cameras_.size());

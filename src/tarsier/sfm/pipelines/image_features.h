@@ -8,7 +8,6 @@
 #include <map>
 #include <stop_token>
 #include <string>
-#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -26,9 +25,10 @@ struct ImageFeatures {
   int input = 0;  // index of its Input
   cv::Size size;
   Lens lens;
-  std::string body;  // make and model of the camera, from EXIF
-  int turns = 0;     // clockwise quarter turns that bring the image upright, 0..3
-  std::string key;   // from its bytes and the feature options
+  // Make and model of the camera, from EXIF; or the camera of a database or of a start model.
+  std::string body;
+  int turns = 0;    // clockwise quarter turns that bring the image upright, 0..3
+  std::string key;  // from its bytes and the feature options
   Features features;
 };
 
@@ -120,7 +120,7 @@ class ImageSet {
   std::vector<char> is_guess_;      // for each camera
   std::vector<char> is_estimated_;  // for each camera
   std::vector<Image> images_;
-  std::map<std::tuple<int, int, double, std::string>, int> known_;
+  std::map<std::pair<std::string, std::string>, int> known_;  // by lens and body
   bool any_guess_ = false;
 };
 

@@ -64,6 +64,26 @@ TEST_F(InputImage, LensDoesNotDependOnOrientation) {
   EXPECT_EQ(guessed_set.cameras().size(), 1U);
 }
 
+TEST(ImageSetCameras, AreSharedByImagesOfTheSameLens) {
+  ImageFeatures image;
+  image.size = kSize;
+  image.lens = {landscape(), "database"};
+  ImageSet set(PipelineOptions{});
+  set.add(image, "a");
+  set.add(image, "b");
+  image.lens.camera.cx += 1;
+  set.add(image, "principal point");
+  image.lens.camera = landscape();
+  image.lens.camera.distortion[4] = 0.002;
+  set.add(image, "distortion");
+  image.lens.camera = landscape();
+  image.body = "another";
+  set.add(image, "body");
+  std::vector<int> cameras;
+  for (const Image& one : set.images()) cameras.push_back(one.camera);
+  EXPECT_EQ(cameras, (std::vector<int>{0, 0, 1, 2, 3}));
+}
+
 // A camera that was calibrated with upright images.
 TEST_F(InputImage, RotatesCameraOfSwappedSides) {
   geometry::Camera upright = landscape();

@@ -29,8 +29,11 @@ void add_colors(const cv::Mat& image, Features& features) {
 
 KnownFeatures::KnownFeatures(const std::string& path)
     : database_(read_colmap_database(path)), sum_(sha256_of_file(path)), path_(path) {
-  for (std::size_t i = 0; i < database_.images.size(); ++i)
+  images_of_camera_.resize(database_.cameras.size());
+  for (std::size_t i = 0; i < database_.images.size(); ++i) {
     index_[database_.images[i].name] = static_cast<int>(i);
+    ++images_of_camera_[at(database_.images[i].camera)];
+  }
 }
 
 void KnownFeatures::fill(const Input& input, const cv::Mat& image, ImageFeatures& features,
@@ -53,8 +56,12 @@ void KnownFeatures::fill(const Input& input, const cv::Mat& image, ImageFeatures
     throw InputError(path_, fmt::format("a camera has a {} lens, but reconstruction needs a "
                                         "pinhole camera: undistort the images first",
                                         geometry::name_of(camera.camera.lens)));
-  if (!options.camera)
+  if (!options.camera) {
     features.lens = {camera.camera, camera.is_focal_known ? "database" : "guess"};
+    // COLMAP makes a camera for each image unless it is told which images share one.
+    if (images_of_camera_[at(known.camera)] > 1)
+      features.body = fmt::format("camera {} of the database", known.camera);
+  }
   features.features = std::move(known.features);
   if (image.empty())
     features.features.colors.assign(features.features.points.size(), cv::Vec3b::all(128));
@@ -62,15 +69,18 @@ void KnownFeatures::fill(const Input& input, const cv::Mat& image, ImageFeatures
     add_colors(image, features.features);
   // Without files, only the names distinguish images.
   features.key = cache_key(fmt::format("{} database {} {}", features.key, sum_, input.name));
-  index_of_image_[found->second] = static_cast<int>(index_of_image_.size());
 }
 
-std::vector<Pair> KnownFeatures::pairs() {
+std::vector<Pair> KnownFeatures::pairs(const std::vector<ImageFeatures>& images,
+                                       const std::vector<Input>& inputs) {
+  std::map<int, int> index_of_image;  // maps an image of the database to its index here
+  for (std::size_t k = 0; k < images.size(); ++k)
+    index_of_image[index_.at(inputs[at(images[k].input)].name)] = static_cast<int>(k);
   std::vector<Pair> result;
   for (auto& known : database_.pairs) {
-    const auto first = index_of_image_.find(known.first);
-    const auto second = index_of_image_.find(known.second);
-    if (first == index_of_image_.end() || second == index_of_image_.end()) continue;
+    const auto first = index_of_image.find(known.first);
+    const auto second = index_of_image.find(known.second);
+    if (first == index_of_image.end() || second == index_of_image.end()) continue;
     Pair pair;
     pair.first = first->second;
     pair.second = second->second;

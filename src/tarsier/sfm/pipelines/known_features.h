@@ -22,16 +22,16 @@ class KnownFeatures {
   // name. With an empty image there is no file, and the data come from the database alone.
   void fill(const Input& input, const cv::Mat& image, ImageFeatures& features,
             const PipelineOptions& options);
-  // The pairs of the images for which fill() was called, in their order. Their matches are not
-  // verified yet.
-  [[nodiscard]] std::vector<Pair> pairs();
+  // The pairs of these images, by their indices. Their matches are not verified yet. Called once.
+  [[nodiscard]] std::vector<Pair> pairs(const std::vector<ImageFeatures>& images,
+                                        const std::vector<Input>& inputs);
 
  private:
   ColmapDatabase database_;
   std::string sum_;
   std::string path_;
   std::map<std::string, int> index_;
-  std::map<int, int> index_of_image_;  // maps an image of the database to its index here
+  std::vector<int> images_of_camera_;  // the number of images of each camera
 };
 
 }  // namespace tarsier::sfm

@@ -23,13 +23,24 @@
 namespace tarsier::sfm {
 namespace {
 
-// Cache key of tracked points: the bytes of all files, in their order.
-std::string flow_key(const std::vector<Input>& inputs, const std::stop_token& stop) {
+bool is_left_out(const Input& input, const PipelineOptions& options,
+                 const std::optional<StartModel>& start) {
+  return options.only_start && !start->has(input.name);
+}
+
+// Cache key of tracked points: all that decides which images are tracked. These are the bytes of
+// the files, in their order, and the sizes that a start model expects.
+std::string flow_key(const std::vector<Input>& inputs, const PipelineOptions& options,
+                     const std::optional<StartModel>& start, const std::stop_token& stop) {
   const FlowOptions flow;
-  std::string text = fmt::format("flow {} {} {} {} {}", flow.max_points, flow.grid, flow.reach,
+  std::string text = fmt::format("flow-2 {} {} {} {} {}", flow.max_points, flow.grid, flow.reach,
                                  flow.back_px, flow.min_correlation);
   for (const Input& input : inputs) {
     throw_if_stopped(stop);
+    if (is_left_out(input, options, start)) continue;
+    if (start)
+      if (const auto size = start->size_of(input.name))
+        text += fmt::format(" {}x{}", size->width, size->height);
     text += ' ';
     try {
       text += sha256_of_file(input.path);
@@ -49,7 +60,7 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
                                              const std::stop_token& stop, PipelineResult& result) {
   std::vector<ImageFeatures> images;
   FlowTracker tracker{FlowOptions{}};
-  const std::string flow_name = options.flow ? flow_key(inputs, stop) : "";
+  const std::string flow_name = options.flow ? flow_key(inputs, options, start, stop) : "";
   std::optional<FlowResult> tracks;
   if (options.flow) tracks = cache.flow(flow_name);
   const bool is_known = tracks.has_value();
@@ -60,7 +71,7 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
     ImageReport& report = result.images[i];
     ImageFeatures image_features;
     image_features.input = static_cast<int>(i);
-    if (options.only_start && !start->has(inputs[i].name)) {
+    if (is_left_out(inputs[i], options, start)) {
       report.outcome.reason = "the image is not in the start model";
       progress.advance();
       continue;
@@ -69,8 +80,9 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
       TARSIER_REQUIRE(known || !inputs[i].path.empty(), "image '{}' has no file", inputs[i].name);
       const cv::Mat image =
           inputs[i].path.empty() ? cv::Mat() : read_input_image(inputs[i], options, image_features);
+      if (known) known->fill(inputs[i], image, image_features, options);
+      if (start) start->check_size(inputs[i], image_features.size);
       if (known) {
-        known->fill(inputs[i], image, image_features, options);
         ++result.from_cache;
       } else if (options.flow) {
         // All images of a sequence have the same size.
@@ -88,7 +100,6 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
       } else if (find_image_features(image, options, cache, image_features)) {
         ++result.from_cache;
       }
-      if (start) start->check_size(inputs[i], image_features.size);
       image_features.features.descriptors = store.add(image_features.features.descriptors);
       report.read = true;
       report.features = static_cast<int>(image_features.features.points.size());
@@ -99,7 +110,7 @@ std::vector<ImageFeatures> find_all_features(const std::vector<Input>& inputs,
     }
     progress.advance();
   }
-  if (known) result.pairs = known->pairs();
+  if (known) result.pairs = known->pairs(images, inputs);
   if (options.flow) {
     if (!is_known) {
       tracks = tracker.finish();

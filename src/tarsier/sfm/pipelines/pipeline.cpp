@@ -241,7 +241,7 @@ PipelineResult run_pipeline(const std::vector<Input>& inputs, const PipelineOpti
       static_cast<int>(std::count_if(result.pairs.begin(), result.pairs.end(),
                                      [](const Pair& pair) { return !pair.view.inliers.empty(); }));
 
-  if (hooks.on_matched) hooks.on_matched(images, inputs, result.pairs);
+  if (hooks.on_matched) hooks.on_matched(images, image_set, result.pairs);
   std::vector<std::vector<cv::Vec3b>> colors;
   std::vector<cv::Mat> descriptors;
   for (ImageFeatures& image_features : images) {

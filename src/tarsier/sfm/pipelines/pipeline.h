@@ -22,6 +22,7 @@
 namespace tarsier::sfm {
 
 struct ImageFeatures;  // image_features.h
+class ImageSet;
 struct MatchedImages;
 struct StartSummary;  // start_model.h
 
@@ -134,9 +135,8 @@ struct PipelineHooks {
   // Receives each pair, from any thread but one at a time. May be empty. Otherwise, matches are
   // computed again even where they are in the cache.
   std::function<void(const ComparedPair&)> on_pair;
-  // Receives all features and verified pairs before the mapping; may be empty.
-  std::function<void(const std::vector<ImageFeatures>&, const std::vector<Input>&,
-                     const std::vector<Pair>&)>
+  // Receives all features, their cameras and verified pairs before the mapping; may be empty.
+  std::function<void(const std::vector<ImageFeatures>&, const ImageSet&, const std::vector<Pair>&)>
       on_matched;
   // Supplies features and pairs found by other runs. Then the images are not processed, and only
   // the mapper runs. Its exceptions are passed on. May be empty.

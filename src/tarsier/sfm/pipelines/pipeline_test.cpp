@@ -8,6 +8,7 @@
 #include "tarsier/sfm/mapper/evaluation.h"
 #include "tarsier/sfm/mapper/model_filter.h"
 #include "tarsier/sfm/pipelines/report.h"
+#include "tarsier/sfm/scene/colmap.h"
 #include "tarsier/sfm/scene/sensor_image.h"
 #include "tarsier/sfm/scene/testing_exif.h"
 #include "tarsier/synth/sfm_scene.h"
@@ -16,6 +17,7 @@
 #include <gtest/gtest.h>
 #include <opencv2/core/utility.hpp>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -296,6 +298,44 @@ TEST_F(PipelineTest, CachesTrackedPoints) {
   // Another sequence is another one.
   inputs.pop_back();
   EXPECT_EQ(run(inputs, how).from_cache, 0);
+}
+
+TEST_F(PipelineTest, TrackedPointsOfAStartModelsImagesAreCachedApart) {
+  const auto inputs = shoot(small_scene(5));
+  PipelineOptions how = options();
+  how.features.max_count = 600;
+  how.flow = true;
+  const auto features_of = [](const PipelineResult& result) {
+    std::vector<int> counts;
+    for (const ImageReport& report : result.images)
+      if (report.read) counts.push_back(report.features);
+    return counts;
+  };
+  const PipelineResult all = run(inputs, how);
+  // A start model of the last four images; the second of these has another size in the model.
+  Model start = all.reconstruction.models.at(0);
+  start.images.erase(start.images.begin());
+  start.points.clear();
+  for (Image& image : start.images) std::fill(image.points.begin(), image.points.end(), -1);
+  start.cameras.push_back(start.cameras[0]);
+  start.cameras[1].width /= 2;
+  start.images[1].camera = 1;
+  fs::create_directory(folder_ + "/start");
+  write_colmap(folder_ + "/start", start);
+  PipelineOptions subset = how;
+  subset.start_model = folder_ + "/start";
+  subset.only_start = true;
+  const PipelineResult expected = run(inputs, subset);
+  EXPECT_FALSE(expected.images[0].read);
+  EXPECT_FALSE(expected.images[2].read);
+  EXPECT_EQ(features_of(expected), features_of(run({inputs[1], inputs[3], inputs[4]}, how)))
+      << "images that are left out are not tracked";
+
+  how.cache_folder = subset.cache_folder = folder_ + "/cache";
+  fs::create_directory(how.cache_folder);
+  EXPECT_EQ(features_of(run(inputs, subset)), features_of(expected));
+  EXPECT_EQ(features_of(run(inputs, how)), features_of(all));
+  EXPECT_EQ(features_of(run(inputs, subset)), features_of(expected));
 }
 
 TEST_F(PipelineTest, ResumesMapperFromCheckpoint) {

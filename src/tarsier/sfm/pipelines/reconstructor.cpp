@@ -22,9 +22,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <filesystem>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
@@ -54,23 +52,16 @@ void write_match_image(const fs::path& folder, const ComparedPair& pair) {
 }
 
 void write_database(const std::string& path, const std::vector<ImageFeatures>& images,
-                    const std::vector<Input>& inputs, const std::vector<Pair>& pairs) {
+                    const ImageSet& image_set, const std::vector<Pair>& pairs) {
   ColmapDatabase database;
-  std::map<std::array<double, 6>, int> cameras;
-  for (const ImageFeatures& image : images) {
-    const geometry::Camera& c = image.lens.camera;
-    const std::array<double, 6> key{static_cast<double>(c.width),
-                                    static_cast<double>(c.height),
-                                    c.fx,
-                                    c.fy,
-                                    c.cx,
-                                    c.distortion[0]};
-    const auto [entry, fresh] = cameras.emplace(key, static_cast<int>(database.cameras.size()));
-    if (fresh) database.cameras.push_back({c, std::string_view(image.lens.source) != "guess"});
+  for (const geometry::Camera& camera : image_set.cameras()) database.cameras.push_back({camera});
+  for (std::size_t k = 0; k < images.size(); ++k) {
     ColmapDatabase::DatabaseImage known;
-    known.name = inputs[static_cast<std::size_t>(image.input)].name;
-    known.camera = entry->second;
-    known.features = image.features;
+    known.name = image_set.images()[k].name;
+    known.camera = image_set.images()[k].camera;
+    database.cameras[static_cast<std::size_t>(known.camera)].is_focal_known =
+        std::string_view(images[k].lens.source) != "guess";
+    known.features = images[k].features;
     // binary descriptors
     if (known.features.descriptors.cols != 128) known.features.descriptors.release();
     database.images.push_back(std::move(known));
@@ -196,8 +187,9 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
   }
   if (options_.database) {
     pipeline_hooks.on_matched = [&](const std::vector<ImageFeatures>& images,
-                                    const std::vector<Input>& of, const std::vector<Pair>& pairs) {
-      write_database((fs::path(options_.folder) / "database.db").string(), images, of, pairs);
+                                    const ImageSet& image_set, const std::vector<Pair>& pairs) {
+      write_database((fs::path(options_.folder) / "database.db").string(), images, image_set,
+                     pairs);
     };
   }
   ReconstructorResult result;

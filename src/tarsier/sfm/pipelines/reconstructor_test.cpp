@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
+#include "tarsier/sfm/pipelines/colmap_database.h"
 #include "tarsier/sfm/pipelines/testing_relief.h"
 #include "tarsier/sfm/scene/colmap.h"
 
@@ -86,6 +87,16 @@ TEST_F(Reconstructing, WritesAPlacedModelAndItsDerivedFiles) {
         0.1)
         << i;
   }
+}
+
+TEST_F(Reconstructing, ExportsTheCamerasOfTheModel) {
+  options_.database = true;
+  options_.pipeline.shared_camera = false;
+  (void)run();
+  const ColmapDatabase database = read_colmap_database(path("model/database.db"));
+  ASSERT_EQ(database.images.size(), static_cast<std::size_t>(kImages));
+  EXPECT_EQ(database.cameras.size(), static_cast<std::size_t>(kImages));
+  EXPECT_TRUE(database.cameras[2].is_focal_known);
 }
 
 TEST_F(Reconstructing, WithoutAFolderWritesNothing) {

@@ -63,14 +63,20 @@ const Image* StartModel::find(const std::string& name) const {
   return found == index_.end() ? nullptr : &model_.images[at(found->second)];
 }
 
-void StartModel::check_size(const Input& input, cv::Size size) const {
-  const Image* image = find(input.name);
-  if (image == nullptr) return;
+std::optional<cv::Size> StartModel::size_of(const std::string& name) const {
+  const Image* image = find(name);
+  if (image == nullptr) return std::nullopt;
   const geometry::Camera& camera = model_.cameras[at(image->camera)];
-  if (camera.width == size.width && camera.height == size.height) return;
-  throw InputError(input.path.empty() ? input.name : input.path,
-                   fmt::format("the image has {}x{} px, but its camera in {} has {}x{} px",
-                               size.width, size.height, folder_, camera.width, camera.height));
+  return cv::Size(camera.width, camera.height);
+}
+
+void StartModel::check_size(const Input& input, cv::Size size) const {
+  const std::optional<cv::Size> expected = size_of(input.name);
+  if (!expected || *expected == size) return;
+  throw InputError(
+      input.path.empty() ? input.name : input.path,
+      fmt::format("the image has {}x{} px, but its camera in {} has {}x{} px", size.width,
+                  size.height, folder_, expected->width, expected->height));
 }
 
 std::vector<char> StartModel::set_lenses(const std::vector<Input>& inputs,

@@ -35,6 +35,8 @@ class StartModel {
 
   [[nodiscard]] bool has(const std::string& name) const { return index_.contains(name); }
   [[nodiscard]] const StartSummary& summary() const { return summary_; }
+  // The size of an image in the model; empty where it has none of this name.
+  [[nodiscard]] std::optional<cv::Size> size_of(const std::string& name) const;
   // Throws InputError where the image's size differs from that in the model.
   void check_size(const Input& input, cv::Size size) const;
   // Gives the model's images their cameras. Other images of the same lens get the model's camera
