@@ -5,6 +5,7 @@
 #include "tarsier/media/atomic_file.h"
 
 #include <fstream>
+#include <initializer_list>
 #include <string>
 
 // Writes a large file in blocks of a megabyte. The file appears when it is complete. Only for the
@@ -19,10 +20,13 @@ class BufferedFile {
     check();
   }
   void commit() {
-    flush();
-    stream_.close();
-    check();
+    finish();
     file_.commit();
+  }
+  // Commits files that belong together: none of them appears before all are written.
+  static void commit_all(std::initializer_list<BufferedFile*> files) {
+    for (BufferedFile* file : files) file->finish();
+    for (BufferedFile* file : files) file->file_.commit();
   }
 
  protected:
@@ -32,6 +36,11 @@ class BufferedFile {
   }
 
  private:
+  void finish() {
+    flush();
+    stream_.close();
+    check();
+  }
   void flush() {
     stream_.write(buffer_.data(), static_cast<std::streamsize>(buffer_.size()));
     check();

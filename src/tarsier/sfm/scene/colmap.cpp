@@ -73,8 +73,7 @@ void check_image(const Image& image, const Model& model) {
                   image.name);
 }
 
-void write_images(const std::string& path, const Model& model, const std::vector<int>& camera_ids) {
-  TextFile file(path);
+void add_images(TextFile& file, const Model& model, const std::vector<int>& camera_ids) {
   file.add(
       "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n"
       "# POINTS2D[] as (X, Y, POINT3D_ID)\n");
@@ -96,16 +95,14 @@ void write_images(const std::string& path, const Model& model, const std::vector
     }
     file.add("\n");
   }
-  file.commit();
 }
 
-void write_points(const std::string& path, const Model& model) {
+void add_points(TextFile& file, const Model& model) {
   std::vector<int> image_ids(model.images.size(), 0);
   int last_id = 0;
   for (std::size_t i = 0; i < model.images.size(); ++i) {
     if (model.images[i].registered) image_ids[i] = ++last_id;
   }
-  TextFile file(path);
   file.add("# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n");
   for (std::size_t p = 0; p < model.points.size(); ++p) {
     const Point& point = model.points[p];
@@ -116,7 +113,6 @@ void write_points(const std::string& path, const Model& model) {
       file.add(" {} {}", image_ids[static_cast<std::size_t>(i)], f);
     file.add("\n");
   }
-  file.commit();
 }
 
 // Reads line by line, so that a large file is never completely in memory.
@@ -450,9 +446,11 @@ void write_colmap(const std::string& folder, const Model& model) {
     camera_ids[c] = ++last_id;
     cameras.add("{}\n", geometry::colmap_camera_line({last_id, model.cameras[c]}));
   }
-  cameras.commit();
-  write_images((fs::path(folder) / "images.txt").string(), model, camera_ids);
-  write_points((fs::path(folder) / "points3D.txt").string(), model);
+  TextFile images((fs::path(folder) / "images.txt").string());
+  add_images(images, model, camera_ids);
+  TextFile points((fs::path(folder) / "points3D.txt").string());
+  add_points(points, model);
+  BufferedFile::commit_all({&cameras, &images, &points});
 }
 
 Model read_colmap(const std::string& folder) {

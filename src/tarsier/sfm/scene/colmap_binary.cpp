@@ -293,9 +293,7 @@ void write_colmap_binary(const std::string& folder, const Model& model) {
       point_file.add(static_cast<std::uint32_t>(f));
     }
   }
-  camera_file.commit();
-  image_file.commit();
-  point_file.commit();
+  BufferedFile::commit_all({&camera_file, &image_file, &point_file});
 }
 
 Model read_colmap_binary(const std::string& folder) { return BinaryModel().read(folder); }

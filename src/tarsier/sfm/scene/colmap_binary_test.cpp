@@ -12,7 +12,10 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
+#include <filesystem>
 #include <functional>
+#include <string>
+#include <utility>
 
 namespace tarsier::sfm {
 namespace {
@@ -42,6 +45,29 @@ void expect_same(const Model& a, const Model& b) {
     EXPECT_EQ(a.points[p].color, b.points[p].color);
     EXPECT_EQ(a.points[p].error, b.points[p].error);
     EXPECT_EQ(a.points[p].track, b.points[p].track);
+  }
+}
+
+TEST(ColmapBinary, AFullDiskLeavesTheEarlierModel) {
+  const Model model = synthetic_model();
+  Model moved = model;
+  moved.cameras[0].fx += 1;
+  using Writer = void (*)(const std::string&, const Model&);
+  for (const auto& [write, extension] :
+       {std::pair<Writer, std::string>(write_colmap, ".txt"), {write_colmap_binary, ".bin"}}) {
+    SCOPED_TRACE(extension);
+    const TemporaryFolder folder;
+    write(folder / "", model);
+    const auto bytes_of = [&](const char* name) {
+      return read_file(folder / (name + extension), 1'000'000);
+    };
+    const std::string cameras = bytes_of("cameras");
+    const std::string images = bytes_of("images");
+    std::filesystem::remove(folder / ("points3D" + extension));
+    std::filesystem::create_symlink("/dev/full", folder / ("points3D" + extension));
+    EXPECT_THROW(write(folder / "", moved), OutputError);
+    EXPECT_EQ(bytes_of("cameras"), cameras);
+    EXPECT_EQ(bytes_of("images"), images);
   }
 }
 
