@@ -89,6 +89,18 @@ expect_status 0
 run sfm eval flat-dense --dense --truth flat/truth --json
 python3 -c 'import json, sys; sys.exit(not json.loads(sys.argv[1])["depth_median"] < 0.003)' "$out" || fail "depths of a plane: $out"
 
+# --- flat images, whose rounded sides differ from their aspect ratio by more than 1 % ---
+run sfm synth -o strip --images 3 --size 1280x162 --focal 900 --depth
+run sfm dense strip/truth/sparse --images strip/images -o strip-dense --quality draft
+expect_status 0
+
+# --- a folder with a binary model in sparse/, as COLMAP makes it ---
+run sfm reconstruct strip/images --camera-file strip/camera.yaml --export binary -o strip-model
+mkdir -p theirs/sparse
+cp strip-model/*.bin theirs/sparse
+run sfm dense theirs --images strip/images -o theirs-dense --quality draft
+expect_status 0
+
 # --- a full disk (files may not grow beyond 40 kB): status 6, and no broken file ---
 (
   ulimit -f 40

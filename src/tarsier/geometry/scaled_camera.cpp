@@ -17,7 +17,9 @@ std::optional<Camera> scaled_camera(const Camera& camera, cv::Size image) {
   if (camera.width <= 0 || camera.height <= 0) return scaled;
   const double x = static_cast<double>(image.width) / camera.width;
   const double y = static_cast<double>(image.height) / camera.height;
-  if (std::abs(x / y - 1) > 0.01) return std::nullopt;
+  const double difference_px = std::min(std::abs(camera.width * y - image.width),
+                                        std::abs(camera.height * x - image.height));
+  if (std::abs(x / y - 1) > 0.01 && difference_px > std::max({1.0, x, y})) return std::nullopt;
   // Pixel centres are at integers, pixel edges half a pixel away.
   scaled.fx *= x;
   scaled.fy *= y;

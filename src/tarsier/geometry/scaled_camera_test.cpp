@@ -24,6 +24,15 @@ TEST(ScaledCamera, SeesTheSameThroughAnImageOfHalfTheSize) {
   EXPECT_EQ(scaled_camera(camera, {640, 360})->fx, camera.fx);
 }
 
+TEST(ScaledCamera, AcceptsTheRoundingOfFlatImages) {
+  // Half of a pixel is 1.2 % of 41 px.
+  EXPECT_TRUE(scaled_camera(guessed_camera({1280, 162}), {320, 41}));
+  EXPECT_TRUE(scaled_camera(guessed_camera({162, 1280}), {41, 320}));
+  EXPECT_TRUE(scaled_camera(guessed_camera({320, 41}), {1280, 162}));
+  EXPECT_FALSE(scaled_camera(guessed_camera({1280, 162}), {320, 42}));
+  EXPECT_FALSE(scaled_camera(guessed_camera({320, 42}), {1280, 162}));
+}
+
 TEST(GuessedCamera, HasItsPrincipalPointAtTheCenter) {
   const Camera camera = guessed_camera({480, 640});
   camera.check();

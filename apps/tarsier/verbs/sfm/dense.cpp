@@ -8,6 +8,7 @@
 #include "tarsier/sfm/dense/dense_reconstructor.h"
 #include "tarsier/sfm/pipelines/results.h"
 #include "tarsier/sfm/scene/colmap.h"
+#include "tarsier/sfm/scene/colmap_binary.h"
 #include "tarsier/sfm/surface/surface_page.h"
 #include "tarsier/sfm/view/render.h"
 
@@ -19,6 +20,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <system_error>
 
 namespace tarsier::cli {
 namespace {
@@ -77,14 +79,18 @@ void write_views(const sfm::DenseJob& job, const sfm::DenseResult& result) {
       sfm::viewer_html(job.model, "Dense reconstruction", {sfm::viewer_cloud(result.cloud), {}}));
 }
 
+bool has_model(const std::string& folder) {
+  std::error_code ignored;
+  return fs::exists(fs::path(folder) / "cameras.txt", ignored) || sfm::is_colmap_binary(folder);
+}
+
 ExitStatus make_dense(const DenseVerbFlags& flags, Context& context) {
   const sfm::DenseReconstructor reconstructor(options_of(flags.dense, context));
   std::string folder = flags.model;
   std::error_code ignored;
   // Also accepts what --export undistorted and COLMAP's image_undistorter write.
-  if (!fs::exists(fs::path(folder) / "cameras.txt", ignored) &&
-      fs::exists(fs::path(folder) / "sparse" / "cameras.txt", ignored))
-    folder = (fs::path(folder) / "sparse").string();
+  const std::string sparse = (fs::path(folder) / "sparse").string();
+  if (!has_model(folder) && has_model(sparse)) folder = sparse;
   sfm::DenseJob job;
   job.model = sfm::read_colmap(folder);
   std::vector<std::string> names;
@@ -98,7 +104,8 @@ ExitStatus make_dense(const DenseVerbFlags& flags, Context& context) {
 }
 
 void add_flags(Command& verb, DenseVerbFlags& flags) {
-  verb.add_option("MODEL", flags.model, "model folder of `sfm reconstruct`, or COLMAP's text files")
+  verb.add_option("MODEL", flags.model,
+                  "model folder of `sfm reconstruct`, or COLMAP's text or binary files")
       .required()
       .type_name("");
   verb.add_option("-o,--output", flags.output, "output folder for depth maps and cloud").required();

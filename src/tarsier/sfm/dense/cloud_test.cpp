@@ -97,6 +97,12 @@ TEST_F(CloudTest, ErrorsNameTheFault) {
   EXPECT_THAT(error_of_reading(path("none.ply")), HasSubstr("cannot be read"));
   EXPECT_THAT(error_with(""), HasSubstr("not a PLY file"));
   EXPECT_THAT(error_with(bytes.substr(0, 100)), HasSubstr("truncated"));
+  const std::string long_comment = "comment " + std::string(992, 'x');
+  EXPECT_THAT(error_with("ply\n" + long_comment + "\nformat ascii 1.0\n"),
+              HasSubstr("binary little-endian"))
+      << "1000 bytes in a line";
+  EXPECT_THAT(error_with("ply\n" + long_comment + "x\nformat ascii 1.0\n"), HasSubstr("truncated"));
+  EXPECT_THAT(error_with(std::string("ply\0\n", 5)), HasSubstr("not a PLY file"));
   EXPECT_THAT(error_with(bytes.substr(0, bytes.size() - 5)), HasSubstr("truncated after 9 of 10"));
   EXPECT_THAT(error_with("ply\nformat ascii 1.0\nelement vertex 0\nend_header\n"),
               HasSubstr("binary little-endian"));

@@ -217,6 +217,56 @@ TEST_F(DenseTest, ResumesAfterAStop) {
   EXPECT_TRUE(read_file(path("dense/fused.ply"), 100'000'000) == uninterrupted);
 }
 
+TEST_F(DenseTest, WhatIsBeingOverwrittenHasNoRecord) {
+  DenseOptions fast = options();
+  fast.reduce = 4;
+  fast.min_side = 64;
+  (void)run(fast);
+  const std::string sparse = read_file(path("dense/sparse/images.txt"), 1'000'000);
+  // Stopped while another model replaces the first one.
+  const Model model = job_.model;
+  for (Image& image : job_.model.images) image.pose.translation *= 2;
+  for (Point& point : job_.model.points) point.position *= 2;
+  StopAfter progress("undistort", 1);
+  EXPECT_THROW((void)DenseReconstructor(fast).run(job_, progress, progress.source.get_token()),
+               Interrupted);
+  EXPECT_NE(read_file(path("dense/sparse/images.txt"), 1'000'000), sparse);
+  job_.model = model;
+  (void)run(fast);
+  EXPECT_EQ(read_file(path("dense/sparse/images.txt"), 1'000'000), sparse);
+
+  // Maps that cannot be written completely.
+  DenseOptions other_filter = fast;
+  other_filter.filter.max_cost = 0.3;
+  DenseOptions other_seed = fast;
+  other_seed.seed = 7;
+  for (const auto& [kind, changed] :
+       {std::pair("geometric", other_filter), std::pair("photometric", other_seed)}) {
+    SCOPED_TRACE(kind);
+    const std::string record = path(fmt::format("dense/stereo/state/0.png.{}.json", kind));
+    const std::string map = path(fmt::format("dense/stereo/depth_maps/0.png.{}.bin", kind));
+    ASSERT_TRUE(fs::exists(record));
+    fs::remove(map);
+    fs::create_directory(map);
+    EXPECT_THROW((void)run(changed), OutputError);
+    EXPECT_FALSE(fs::exists(record));
+    fs::remove(map);
+    (void)run(fast);
+  }
+}
+
+TEST_F(DenseTest, FileNamesNeedNotBeUtf8) {
+  DenseOptions fast = options();
+  fast.reduce = 4;
+  fast.min_side = 64;
+  const std::string name = "caf\xE9.png";
+  fs::rename(path("images/0.png"), path("images/" + name));
+  job_.model.images[0].name = name;
+  EXPECT_EQ(run(fast).images[0].name, name);
+  const auto json = nlohmann::json::parse(read_file(path("dense/dense.json"), 1'000'000));
+  EXPECT_EQ(json["images"][0]["name"], "caf\xEF\xBF\xBD.png");
+}
+
 TEST_F(DenseTest, OtherOptionsOrImagesAreRecomputed) {
   TARSIER_LONG_TEST();
   (void)run();

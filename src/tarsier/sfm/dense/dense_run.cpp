@@ -32,6 +32,7 @@ namespace fs = std::filesystem;
 
 constexpr double kSparseTolerance = 0.003;  // share of the depth
 constexpr int kMaxLargeRatio = 2;           // max size ratio of the images for small patches
+constexpr double kMinMapSide = 16;          // px, of the shorter side of a map
 constexpr double kVersion = 2;  // changes where maps depend on something other than options
 
 double cpu_seconds() {
@@ -143,6 +144,7 @@ class DenseRun {
     source_digest_ = digest.hex();
     const std::string record = path("stereo/state/undistorted.json");
     if (images_exist && !read_state(record, source_digest_).is_null()) return;
+    remove_state(record);
     export_undistorted(
         job_.folder, model,
         [&](const std::string& name) { return read_sensor_image(job_.path_of(name)); }, progress_,
@@ -199,8 +201,10 @@ class DenseRun {
           workspace_.name(i), 1 / memory_scale, 1 / scale, options_.memory_gb);
       scale = memory_scale;
     }
-    return {std::max(16, static_cast<int>(std::lround(camera.width * scale))),
-            std::max(16, static_cast<int>(std::lround(camera.height * scale)))};
+    // Both sides are reduced alike, also where the shorter one reaches the minimum.
+    scale = std::max(scale, std::min(1.0, kMinMapSide / std::min(camera.width, camera.height)));
+    return {static_cast<int>(std::lround(camera.width * scale)),
+            static_cast<int>(std::lround(camera.height * scale))};
   }
 
   // The factor by which an image of `pixels` px must be reduced for the memory limit. Its larger
@@ -311,6 +315,7 @@ class DenseRun {
       } else {
         const double start = cpu_seconds();
         const PlaneMap map = match_planes(problem_of(i), options_.matching, stop_);
+        remove_state(record);
         const DepthMap written{map.depth, map.normal, 1 - map.cost / kZeroConfidenceCost};
         workspace_.write_depth_map(i, written, MapKind::kPhotometric);
         image(i).cpu_seconds = cpu_seconds() - start;
@@ -384,6 +389,7 @@ class DenseRun {
     if (options_.matching.geometric_rounds > 0)
       map = refine_planes(problem, map, options_.matching, stop_);
     const DepthMap filtered_map = filtered(problem, map, options_.filter);
+    remove_state(state_path(i, MapKind::kGeometric));
     workspace_.write_depth_map(i, filtered_map);
     std::vector<float> costs;
     for (int y = 0; y < filtered_map.depth.rows; ++y)
@@ -463,7 +469,10 @@ class DenseRun {
     result_.points = cloud.count();
     for (std::size_t i = 0; i < counts.size(); ++i) result_.images[i].points = counts[i];
     result_.cpu_seconds = cpu_seconds() - cpu_start_;
-    write_file_atomically(path("dense.json"), to_json(result_).dump(1) + "\n");
+    // The names of files may not be UTF-8.
+    const std::string text =
+        to_json(result_).dump(1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+    write_file_atomically(path("dense.json"), text + "\n");
     return result_;
   }
 

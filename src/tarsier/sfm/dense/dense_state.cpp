@@ -11,6 +11,7 @@
 
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <system_error>
 
 namespace tarsier::sfm {
 namespace {
@@ -32,6 +33,12 @@ void write_state(const std::string& path, std::string_view digest, nlohmann::jso
   record["digest"] = digest;
   make_folder(std::filesystem::path(path).parent_path().string());
   write_file_atomically(path, record.dump() + "\n");
+}
+
+void remove_state(const std::string& path) {
+  std::error_code error;
+  std::filesystem::remove(path, error);
+  if (error) throw OutputError(path, "cannot remove: " + error.message());
 }
 
 void Digest::add(std::string_view text) { text_ += fmt::format("{}:{}\n", text.size(), text); }

@@ -14,6 +14,9 @@ namespace tarsier::sfm {
 // Writes a record, completely or not at all, and creates its folder. Throws OutputError.
 void write_state(const std::string& path, std::string_view digest, nlohmann::json record);
 
+// Removes a record before the work that it describes is overwritten. Throws OutputError.
+void remove_state(const std::string& path);
+
 // Digest of everything that a piece of work depends on, added part by part.
 class Digest {
  public:

@@ -24,7 +24,7 @@ struct DepthMap {
 };
 
 // The camera of a map of this size for an image of `camera`; all lengths are scaled. Throws
-// std::invalid_argument where the aspect ratios differ by more than 1 %.
+// std::invalid_argument where the aspect ratios differ (geometry::scaled_camera()).
 [[nodiscard]] geometry::Camera camera_of_map(const geometry::Camera& camera, cv::Size map);
 
 // COLMAP's format for maps: the text "width&height&channels&", then float32 (little endian), row by

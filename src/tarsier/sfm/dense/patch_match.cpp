@@ -29,19 +29,6 @@ cv::Mat1b reduced(const cv::Mat1b& gray, int level) {
   return smaller;
 }
 
-geometry::Camera camera_of(const geometry::Camera& camera, cv::Size size) {
-  geometry::Camera scaled = camera;
-  const double x = static_cast<double>(size.width) / camera.width;
-  const double y = static_cast<double>(size.height) / camera.height;
-  scaled.width = size.width;
-  scaled.height = size.height;
-  scaled.fx *= x;
-  scaled.fy *= y;
-  scaled.cx = (camera.cx + 0.5) * x - 0.5;
-  scaled.cy = (camera.cy + 0.5) * y - 0.5;
-  return scaled;
-}
-
 cv::Mat1f inverse_of(const cv::Mat1f& depth) {
   cv::Mat1f inverse(depth.size());
   for (int y = 0; y < depth.rows; ++y)
@@ -52,12 +39,12 @@ cv::Mat1f inverse_of(const cv::Mat1f& depth) {
 MatchLevel make_level(const MatchProblem& problem, int level, bool with_depths) {
   MatchLevel result;
   result.gray = reduced(problem.reference.gray, level);
-  result.camera = camera_of(problem.reference.camera, result.gray.size());
+  result.camera = camera_of_map(problem.reference.camera, result.gray.size());
   result.min_inverse_depth = static_cast<float>(1 / problem.max_depth);
   result.max_inverse_depth = static_cast<float>(1 / problem.min_depth);
   for (const MatchImage& image : problem.sources) {
     const cv::Mat1b gray = reduced(image.gray, level);
-    result.sources.push_back(make_source(gray, camera_of(image.camera, gray.size()),
+    result.sources.push_back(make_source(gray, camera_of_map(image.camera, gray.size()),
                                          image.pose * problem.reference.pose.inverse(),
                                          result.camera));
     if (with_depths && !image.depth.empty())
@@ -76,7 +63,7 @@ void add_large_images(const MatchProblem& problem, MatchLevel& level) {
   level.large_size = reference_gray.size();
   for (const MatchImage& image : problem.sources) {
     const cv::Mat1b& gray = gray_of(image);
-    level.large_sources.push_back(make_source(gray, camera_of(image.camera, gray.size()),
+    level.large_sources.push_back(make_source(gray, camera_of_map(image.camera, gray.size()),
                                               image.pose * problem.reference.pose.inverse(),
                                               level.camera));
   }

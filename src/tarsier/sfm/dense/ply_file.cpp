@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cstring>
 #include <limits>
@@ -16,6 +17,8 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little,
               "numbers are read in their memory layout");
+
+constexpr std::size_t kMaxLineBytes = 1000;
 
 template <typename T>
 double as_number(const char* bytes) {
@@ -73,9 +76,12 @@ const PlyProperty* PlyElement::find(std::string_view property) const {
 std::vector<PlyElement> read_ply_header(std::istream& stream, const std::string& path) {
   std::vector<PlyElement> elements;
   std::string line;
+  std::array<char, kMaxLineBytes + 1> buffer{};
   const auto next = [&] {
-    if (!std::getline(stream, line) || line.size() > 1000)
+    // Fails where the line is longer than the buffer.
+    if (!stream.getline(buffer.data(), buffer.size()))
       throw InputError(path, "is not a PLY file, or its header is truncated");
+    line.assign(buffer.data(), static_cast<std::size_t>(stream.gcount()) - (stream.eof() ? 0 : 1));
     if (!line.empty() && line.back() == '\r') line.pop_back();
   };
   next();

@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/require.h"
+#include "tarsier/geometry/scaled_camera.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/stored_image.h"
 #include "tarsier/sfm/scene/colmap.h"
@@ -147,16 +148,11 @@ DepthMap Workspace::read_depth_map(int index, MapKind kind) const {
   }
   DepthMap map;
   map.depth = read_colmap_map(path, 1);
-  const auto camera_of = [&] {
-    const geometry::Camera& of = camera(index);
-    const double proportion = static_cast<double>(map.depth.cols) / map.depth.rows * of.height;
-    if (std::abs(proportion / of.width - 1) > 0.01) {
-      throw InputError(path, fmt::format("has {}x{} px, but its camera has {}x{} px",
-                                         map.depth.cols, map.depth.rows, of.width, of.height));
-    }
-    return camera_of_map(of, map.depth.size());
-  };
-  const geometry::Camera scaled = camera_of();
+  const auto scaled = geometry::scaled_camera(camera(index), map.depth.size());
+  if (!scaled) {
+    throw InputError(path, fmt::format("has {}x{} px, but its camera has {}x{} px", map.depth.cols,
+                                       map.depth.rows, camera(index).width, camera(index).height));
+  }
   const auto optional_map = [&](std::string_view what, int channels) {
     const std::string file = path_of_map(index, what, kind);
     if (!is_file(file)) return cv::Mat();
@@ -169,7 +165,7 @@ DepthMap Workspace::read_depth_map(int index, MapKind kind) const {
     return numbers;
   };
   map.normal = optional_map("normal_maps", 3);
-  if (map.normal.empty()) map.normal = facing_normals(scaled, map.depth.size());
+  if (map.normal.empty()) map.normal = facing_normals(*scaled, map.depth.size());
   map.confidence = optional_map("confidence", 1);
   if (map.confidence.empty()) map.confidence = cv::Mat(map.depth.size(), CV_32FC1, cv::Scalar(1));
   keep_known(map);

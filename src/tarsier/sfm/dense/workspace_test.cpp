@@ -77,6 +77,20 @@ TEST_F(WorkspaceTest, MapsRoundTrip) {
             path("./stereo/depth_maps/folder/photo 0.jpg.geometric.bin"));
 }
 
+TEST_F(WorkspaceTest, MapsOfFlatImagesHaveRoundedSides) {
+  Model model = synthetic_model();
+  for (geometry::Camera& camera : model.cameras) {
+    camera.distortion = {};
+    camera.width = 1280;
+    camera.height = 162;
+  }
+  write_colmap(path("sparse"), model);
+  DepthMap map;
+  map.depth = cv::Mat1f(41, 320, 2.5F);  // 40.5 px
+  open().write_depth_map(0, map);
+  EXPECT_EQ(open().read_depth_map(0).depth.size(), cv::Size(320, 41));
+}
+
 TEST_F(WorkspaceTest, FilesAreThoseOfColmap) {
   write_model();
   const Workspace workspace = open();
@@ -146,7 +160,7 @@ TEST_F(WorkspaceTest, ErrorsNameWhatIsMissingOrInvalid) {
   EXPECT_THAT(error_with("64&0&1&"), HasSubstr("not a COLMAP map"));
   EXPECT_THAT(error_with("99999999999999999999&1&1&"), HasSubstr("not a COLMAP map"));
   EXPECT_THAT(error_with(""), HasSubstr("not a COLMAP map"));
-  EXPECT_THAT(error_with("2&2&1&" + std::string(16, '\0')), HasSubstr("its camera"));
+  EXPECT_THAT(error_with("8&2&1&" + std::string(64, '\0')), HasSubstr("its camera"));
   DepthMap map = small_map();
   map.depth = cv::Mat1f(48, 48, 1.F);
   EXPECT_THROW(workspace.write_depth_map(0, map), std::invalid_argument);

@@ -4,6 +4,7 @@
 #include "tarsier/core/at.h"
 #include "tarsier/core/log.h"
 #include "tarsier/core/stop.h"
+#include "tarsier/geometry/scaled_camera.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/sha256.h"
@@ -45,30 +46,16 @@ geometry::Camera turned(const geometry::Camera& camera) {
   return result;
 }
 
-// The given camera for an image of this size: scaled where the aspect ratios are equal.
-std::optional<geometry::Camera> scaled_camera(geometry::Camera camera, cv::Size size) {
-  if (camera.width == 0 || camera.height == 0 ||
-      (camera.width == size.width && camera.height == size.height)) {
-    camera.width = size.width;
-    camera.height = size.height;
-    return camera;
-  }
-  const double sx = static_cast<double>(size.width) / camera.width;
-  const double sy = static_cast<double>(size.height) / camera.height;
-  if (std::abs(sx - sy) > 0.01 * sx) return std::nullopt;
-  camera.fx *= sx;
-  camera.fy *= sy;
-  camera.cx = (camera.cx + 0.5) * sx - 0.5;
-  camera.cy = (camera.cy + 0.5) * sy - 0.5;
-  camera.width = size.width;
-  camera.height = size.height;
-  return camera;
+// The given camera for an image of this size: unchanged, without rounding, where it has this size.
+std::optional<geometry::Camera> camera_of_size(const geometry::Camera& camera, cv::Size size) {
+  if (camera.width == size.width && camera.height == size.height) return camera;
+  return geometry::scaled_camera(camera, size);
 }
 
 // The same, also for an image with swapped sides. `turns`: quarter turns that bring it upright.
 std::optional<geometry::Camera> fitted_camera(const geometry::Camera& given, cv::Size size,
                                               int turns) {
-  if (const auto camera = scaled_camera(given, size)) return camera;
+  if (const auto camera = camera_of_size(given, size)) return camera;
   geometry::Camera camera = turned(given);
   if (turns == 1) {
     camera = turned(turned(camera));  // the camera is for upright images: turn back
@@ -77,7 +64,7 @@ std::optional<geometry::Camera> fitted_camera(const geometry::Camera& given, cv:
     camera.cy = (camera.height - 1) / 2.0;
     camera.distortion[2] = camera.distortion[3] = 0;
   }
-  return scaled_camera(camera, size);
+  return camera_of_size(camera, size);
 }
 
 Lens lens_of(cv::Size size, double exif_focal, int turns, const PipelineOptions& options) {
