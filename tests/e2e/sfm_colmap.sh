@@ -211,7 +211,7 @@ run sfm reconstruct rig "${fewer[@]}" "${lens[@]}" -o rig/model --export databas
 expect_status 0
 expect_out 'model 0: 6 of 6 images'
 grep -q ' cam1/0002.jpg$' rig/model/images.txt || fail "no image is named by its folder"
-for file in undistorted/images/cam0/0000.jpg undistorted/images/cam1/0000.jpg matches/cam0_0000-cam1_0000.jpg; do
+for file in undistorted/images/cam0/0000.jpg undistorted/images/cam1/0000.jpg matches/cam0_0000-cam1_0000-0-3.jpg; do
   [ -s "rig/model/$file" ] || fail "no $file"
 done
 run sfm reconstruct rig --database rig/model/database.db --start-model rig/model --no-cache -o rig-again

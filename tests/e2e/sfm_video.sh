@@ -10,6 +10,12 @@ walk=(sfm reconstruct video.avi --camera-file video/camera.yaml --max-features 5
 run "${walk[@]}" -o of-video
 expect_status 0
 [ "$(ls of-video/frames | wc -l)" -ge 5 ] || fail "hardly any key frames"
+case $err in *'are not used'*) fail "no limit of key frames was reached: $err" ;; esac
+
+run "${walk[@]}" -o limited --max-frames 3
+expect_status 0
+[ "$(ls limited/frames | wc -l)" = 3 ] || fail "--max-frames 3: $(ls limited/frames)"
+grep -q 'are not used: the limit of 3 key frames is reached' stderr.txt || fail "--max-frames 3 without a word: $err"
 
 # --- followed points are found once ---
 followed=(sfm reconstruct video/images --camera-file video/camera.yaml --matches flow -o followed --json)

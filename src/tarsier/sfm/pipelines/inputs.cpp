@@ -111,6 +111,13 @@ std::vector<std::string> frames_of_video(const std::string& video, const Keyfram
   progress.begin("key frames", source->count(), "frames");
   while (auto frame = source->next(std::chrono::milliseconds(1000), stop)) {
     throw_if_stopped(stop);
+    if (picker.count() >= keyframes.max_count) {
+      log_warning(
+          "{}: the frames from {} on are not used: the limit of {} key frames is reached; allow "
+          "more (--max-frames) or choose fewer (--key-motion)",
+          video, frame->index, keyframes.max_count);
+      break;
+    }
     keep(picker.offer(frame->image, frame->index, frame->time));
     progress.advance();
   }

@@ -191,7 +191,7 @@ void compare_all(const std::vector<Input>& inputs, const std::vector<ImageFeatur
           if (hooks.on_pair) {
             const std::lock_guard lock(on_pair_mutex);
             hooks.on_pair({inputs[at(a.input)], inputs[at(b.input)], a.features.points,
-                           b.features.points, matches, pair.view});
+                           b.features.points, matches, pair.view, a.input, b.input});
           }
         }
         progress.advance();

@@ -126,6 +126,8 @@ struct ComparedPair {
   const std::vector<cv::Point2f>& second_points;
   const std::vector<Match>& matches;
   const TwoView& view;
+  int first_input = 0;  // indices of the inputs
+  int second_input = 0;
 };
 
 struct PipelineHooks {

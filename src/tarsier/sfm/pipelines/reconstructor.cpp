@@ -33,21 +33,28 @@ namespace {
 namespace fs = std::filesystem;
 
 void write_report(const std::string& folder, const ReconstructorResult& result) {
-  write_file_atomically((fs::path(folder) / "report.json").string(),
-                        to_json(result).dump(1) + "\n");
+  // The names of files may not be UTF-8.
+  const std::string text =
+      to_json(result).dump(1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+  write_file_atomically((fs::path(folder) / "report.json").string(), text + "\n");
 }
 
-// The name without extension, folders joined by "_": cam0_0001 for cam0/0001.jpg.
+constexpr std::size_t kMaxStemBytes = 80;  // a file name has at most 255 bytes
+
+// The name without extension, folders joined by "_": cam0_0001 for cam0/0001.jpg. Long names are
+// cut off.
 std::string flat_stem(const std::string& name) {
   std::string stem = fs::path(name).replace_extension().string();
   std::replace(stem.begin(), stem.end(), '/', '_');
-  return stem;
+  return stem.substr(0, kMaxStemBytes);
 }
 
 void write_match_image(const fs::path& folder, const ComparedPair& pair) {
   if (pair.matches.empty()) return;
+  // Only the indices are unique: a/b.jpg and a_b.png have one stem.
   const std::string name =
-      fmt::format("{}-{}.jpg", flat_stem(pair.first.name), flat_stem(pair.second.name));
+      fmt::format("{}-{}-{}-{}.jpg", flat_stem(pair.first.name), flat_stem(pair.second.name),
+                  pair.first_input, pair.second_input);
   write_image((folder / name).string(), draw_matches(pair));
 }
 
@@ -181,8 +188,13 @@ ReconstructorResult Reconstructor::run_images(const std::vector<Input>& inputs, 
   if (options_.match_images) {
     const fs::path folder = fs::path(options_.folder) / "matches";
     make_folder(folder.string());
-    pipeline_hooks.on_pair = [folder](const ComparedPair& pair) {
-      write_match_image(folder, pair);
+    pipeline_hooks.on_pair = [folder, warned = false](const ComparedPair& pair) mutable {
+      try {
+        write_match_image(folder, pair);
+      } catch (const Error& error) {
+        if (!warned) log_warning("cannot write an image of matches: {}", error.what());
+        warned = true;
+      }
     };
   }
   if (options_.database) {

@@ -30,7 +30,8 @@ struct ReconstructorOptions {
   bool binary = false;  // cameras.bin, images.bin, points3D.bin: the model as COLMAP's binary files
   bool database = false;   // database.db: features and matches in COLMAP's format
   bool turntable = false;  // turntable.gif: the rotating point cloud
-  // matches/: an image for each pair, inliers green, outliers red
+  // matches/NAME-NAME-I-J.jpg: an image for each pair, inliers green, outliers red. I and J are the
+  // indices of the inputs. An image that cannot be written gives a warning.
   bool match_images = false;
   void check() const;  // throws std::invalid_argument, which names the value
 };

@@ -89,6 +89,25 @@ TEST_F(Reconstructing, WritesAPlacedModelAndItsDerivedFiles) {
   }
 }
 
+TEST_F(Reconstructing, ImagesOfMatchesHaveTheirOwnNames) {
+  options_.match_images = true;
+  // Names that are long, equal at their beginning, and not UTF-8.
+  const std::string long_name(200, 'n');
+  fs::rename(path("images/0.png"), path("images/" + long_name + "0.png"));
+  fs::rename(path("images/1.png"), path("images/" + long_name + "1\xE9.png"));
+  // One image of matches cannot be written.
+  const std::string blocked = "model/matches/2-3-0-1.jpg";
+  fs::create_directories(path(blocked));
+  const ReconstructorResult result = run();
+  ASSERT_EQ(result.models().size(), 1U);
+  EXPECT_TRUE(fs::is_directory(path(blocked)));
+  int matched = 0;
+  for (const Pair& pair : result.pipeline.pairs) matched += pair.matches > 0 ? 1 : 0;
+  EXPECT_EQ(std::distance(fs::directory_iterator(path("model/matches")), fs::directory_iterator()),
+            matched);
+  EXPECT_EQ(report()["images"].size(), static_cast<std::size_t>(kImages));
+}
+
 TEST_F(Reconstructing, ExportsTheCamerasOfTheModel) {
   options_.database = true;
   options_.pipeline.shared_camera = false;

@@ -257,7 +257,7 @@ void write_surface(const std::string& path, const TexturedSurface& surface,
 }
 
 SurfaceMesh read_surface(const std::string& path) {
-  const std::string extension = fs::path(path).extension().string();
+  const std::string extension = lowercase_extension(path);
   SurfaceMesh mesh;
   if (extension == ".obj") {
     mesh = mesh_of_obj(path);

@@ -48,6 +48,11 @@ TEST_F(SurfaceFiles, PlyRoundTrips) {
   EXPECT_EQ(read.faces, two_triangles().faces);
 }
 
+TEST_F(SurfaceFiles, ExtensionsMayBeCapitals) {
+  EXPECT_EQ(written_and_read(path("mesh.PLY")).faces, two_triangles().faces);
+  EXPECT_EQ(written_and_read(path("mesh.Obj")).faces, two_triangles().faces);
+}
+
 TEST_F(SurfaceFiles, ObjRoundTripsWithoutColours) {
   const SurfaceMesh read = written_and_read(path("mesh.obj"));
   EXPECT_EQ(read.vertices, two_triangles().vertices);
