@@ -112,10 +112,8 @@ std::vector<std::string> frames_of_video(const std::string& video, const Keyfram
   while (auto frame = source->next(std::chrono::milliseconds(1000), stop)) {
     throw_if_stopped(stop);
     if (picker.count() >= keyframes.max_count) {
-      log_warning(
-          "{}: the frames from {} on are not used: the limit of {} key frames is reached; allow "
-          "more (--max-frames) or choose fewer (--key-motion)",
-          video, frame->index, keyframes.max_count);
+      log_warning("{}: the frames from {} on are not used: the limit of {} key frames is reached",
+                  video, frame->index, keyframes.max_count);
       break;
     }
     keep(picker.offer(frame->image, frame->index, frame->time));

@@ -58,7 +58,7 @@ void KnownFeatures::fill(const Input& input, const cv::Mat& image, ImageFeatures
                                         geometry::name_of(camera.camera.lens)));
   if (!options.camera) {
     features.lens = {camera.camera, camera.is_focal_known ? "database" : "guess"};
-    // COLMAP makes a camera for each image unless it is told which images share one.
+    // COLMAP makes a camera for each image unless its user says which images share one.
     if (images_of_camera_[at(known.camera)] > 1)
       features.body = fmt::format("camera {} of the database", known.camera);
   }
