@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <utility>
 
 namespace tarsier {
@@ -30,6 +31,21 @@ int panel_height(cv::Size frame) {
   return std::max(2, static_cast<int>(std::clamp(static_cast<double>(frame.height), 240.0,
                                                  std::max(max_height, 120.0))) /
                          2 * 2);
+}
+
+// The text in lines of at most this width.
+std::string in_lines(const std::string& text, int width, double height_px) {
+  std::string lines;
+  std::string line;
+  std::istringstream words(text);
+  for (std::string word; words >> word;) {
+    if (!line.empty() && image::draw::text_size(line + " " + word, height_px).width > width) {
+      lines += line + "\n";
+      line.clear();
+    }
+    line += (line.empty() ? "" : " ") + word;
+  }
+  return lines + line;
 }
 
 }  // namespace
@@ -135,6 +151,11 @@ std::string SfmSession::counts() const {
                      result_.key_frames == 1 ? "" : "s", result_.registered, result_.points);
 }
 
+std::string SfmSession::why_no_model() const {
+  return "no model yet: " +
+         (result_.no_model.empty() ? "move the camera sideways" : result_.no_model);
+}
+
 nlohmann::json SfmSession::state() const { return sfm::to_json(result_); }
 
 std::string SfmSession::status() const {
@@ -180,8 +201,8 @@ void SfmSession::draw(cv::Mat& image) {
   style.backing_color = cv::Scalar(250, 248, 246);
   image::draw::put_text(panel, counts(), {8, 8}, style);
   if (model.images.empty()) {
-    image::draw::put_text(panel, "no model yet: move the camera sideways", {right / 2, height / 2},
-                          style, image::draw::Anchor::kCenter);
+    image::draw::put_text(panel, in_lines(why_no_model(), right - 16, style.height_px),
+                          {right / 2, height / 2}, style, image::draw::Anchor::kCenter);
   }
 }
 

@@ -20,7 +20,7 @@ namespace tarsier {
 // Keys: space pauses, arrows or dragging with the mouse rotate the cloud, + - and the wheel zoom, 0
 // resets the view, r runs bundle adjustment over the whole model, h help, q or Esc quits.
 // State: {"key_frames", "registered", "points", "followed": points of the model in the frame,
-// "paused"}.
+// "no_model": why there is no model yet, where a reason is known, "paused"}.
 class SfmSession final : public FrameSession {
  public:
   // `online` must outlive the session. If `stop` is triggered, growing ends early. on_frame()
@@ -46,6 +46,7 @@ class SfmSession final : public FrameSession {
   void zoom(double factor);
   void update(sfm::OnlineResult result);
   [[nodiscard]] std::string counts() const;
+  [[nodiscard]] std::string why_no_model() const;
 
   sfm::OnlineReconstructor& online_;
   std::stop_token stop_;

@@ -138,6 +138,36 @@ TEST_F(SfmSessionTest, GrowsAndDrawsTheModelDuringTheVideo) {
   EXPECT_EQ(cv::norm((*video_)[23], untouched, cv::NORM_INF), 0) << "the video was drawn on";
 }
 
+TEST_F(SfmSessionTest, SaysWhyThereIsNoModel) {
+  synth::SceneOptions turned;
+  turned.size = {320, 240};
+  turned.images = 4;
+  turned.pure_rotation = true;
+  const synth::SfmScene scene(turned);
+  options_.mapper.pipeline.camera = scene.camera();
+  options_.every_frame = true;
+  std::vector<cv::Mat> images;
+  for (int i = 0; i < scene.count(); ++i) images.push_back(scene.render(i));
+  SfmSession session = make();
+  WalkSource source(images);
+  ScriptedHost host(session, source);
+  EXPECT_FALSE(host.run().front().state.contains("no_model"));
+  const View end = session.finish();
+  EXPECT_EQ(end.state["registered"], 0);
+  EXPECT_THAT(end.state["no_model"].get<std::string>(), testing::HasSubstr("sideways"));
+  // The reason fills several lines of the panel.
+  const auto drawn_rows = [](const cv::Mat& image) {
+    int rows = 0;
+    for (int y = 60; y < 200; ++y) {
+      cv::Mat row;
+      cv::reduce(image(cv::Rect(330, y, 300, 1)), row, 1, cv::REDUCE_MIN);
+      rows += row.at<cv::Vec3b>(0, 0)[0] < 120 ? 1 : 0;
+    }
+    return rows;
+  };
+  EXPECT_GT(drawn_rows(end.image), 20);
+}
+
 TEST_F(SfmSessionTest, IsDeterministic) {
   std::string transcripts[2];
   for (std::string& transcript : transcripts) {

@@ -93,6 +93,7 @@ OnlineRun run_online(const std::vector<std::string>& sources, const std::vector<
   hooks.describe = [&](const View& view, nlohmann::ordered_json& line) {
     for (const char* name : {"key_frames", "registered", "points", "followed"})
       line[name] = view.state.at(name);
+    if (view.state.contains("no_model")) line["no_model"] = view.state.at("no_model");
     line["ms"] = rounded(elapsed_ms, 2);
   };
   OnlineRun result;

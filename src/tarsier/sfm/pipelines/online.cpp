@@ -202,12 +202,11 @@ void OnlineMapper::update(bool adjust_all, const std::stop_token& stop) {
     });
     (void)p.image_set.estimate_focal_lengths(pairs, stop);  // more pairs determine them better
     Reconstruction made = reconstruct(input_of(pairs), mapper, progress, stop);
-    p.no_model_reason = made.no_model;
     if (!made.models.empty() && statistics_of(made.models[0]).registered > registered()) {
       p.model = std::move(made.models[0]);
       p.adjusted_at = registered();
-      p.no_model_reason.clear();
     }
+    p.no_model_reason = p.model.images.empty() ? made.no_model : "";
   }
   p.find_neighbours();
   p.seconds = p.adding_s + seconds_since(start);

@@ -94,10 +94,12 @@ void OnlineReconstructorOptions::check() const {
 }
 
 nlohmann::ordered_json to_json(const OnlineResult& result) {
-  return {{"key_frames", result.key_frames},
-          {"registered", result.registered},
-          {"points", result.points},
-          {"followed", result.tracked.size()}};
+  nlohmann::ordered_json json = {{"key_frames", result.key_frames},
+                                 {"registered", result.registered},
+                                 {"points", result.points},
+                                 {"followed", result.tracked.size()}};
+  if (!result.no_model.empty()) json["no_model"] = result.no_model;
+  return json;
 }
 
 OnlineReconstructor::OnlineReconstructor(const OnlineReconstructorOptions& options)
@@ -298,6 +300,7 @@ OnlineResult OnlineReconstructor::result() {
   result.key_frames = static_cast<int>(inputs_.size());
   result.registered = mapper_.registered();
   result.points = static_cast<int>(mapper_.model().points.size());
+  result.no_model = mapper_.no_model_reason();
   const double from_reduced = latest_.image.empty() ? 1 : 1 / reduction(latest_.image.size());
   for (std::size_t k = 0; k < tracked_.from.size(); ++k)
     if (tracked_.is_lost[k] == 0) result.tracked.push_back(tracked_.to[k] * from_reduced);

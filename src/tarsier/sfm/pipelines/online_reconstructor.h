@@ -37,13 +37,15 @@ struct OnlineReconstructorOptions {
 // The state after a frame.
 struct OnlineResult {
   int key_frames = 0;
-  int registered = 0;                // key frames in the model
-  int points = 0;                    // points of the model
+  int registered = 0;    // key frames in the model
+  int points = 0;        // points of the model
+  std::string no_model;  // why there is no model yet; "" where there is one or no reason is known
   std::vector<cv::Point2f> tracked;  // image positions of model points in this frame, px
   bool model_changed = false;        // whether this call changed the model
   double growth_ms = 0;              // of the latest growth, including the adding of its key frames
 };
-// {"key_frames", "registered", "points", "followed": number of tracked points}
+// {"key_frames", "registered", "points", "followed": number of tracked points, "no_model" unless
+// empty}
 [[nodiscard]] nlohmann::ordered_json to_json(const OnlineResult& result);
 
 // A model that grows with the frames of a video or camera:
