@@ -112,7 +112,8 @@ class DenseReconstructor {
 
   // `debug` may be null. For each image it receives the depths ("NAME depth"), normals, costs and
   // the filtered depths. Throws InputError for an image that is missing or differs in size from its
-  // camera, and where no image can be compared with another; OutputError; Interrupted;
+  // camera, and where no image can be compared with another or the coordinates are too large
+  // (check_coordinates()); OutputError; Interrupted;
   // std::invalid_argument for a model with numbers that are not finite.
   [[nodiscard]] DenseResult run(const DenseJob& job, Progress& progress,
                                 const std::stop_token& stop, DebugSink* debug = nullptr) const;

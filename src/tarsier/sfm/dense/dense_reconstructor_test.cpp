@@ -9,6 +9,7 @@
 #include "tarsier/sfm/dense/dense_evaluation.h"
 #include "tarsier/sfm/dense/point_grid.h"
 #include "tarsier/sfm/dense/workspace.h"
+#include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/colmap.h"
 #include "tarsier/synth/sfm_scene.h"
 
@@ -265,6 +266,19 @@ TEST_F(DenseTest, FileNamesNeedNotBeUtf8) {
   EXPECT_EQ(run(fast).images[0].name, name);
   const auto json = nlohmann::json::parse(read_file(path("dense/dense.json"), 1'000'000));
   EXPECT_EQ(json["images"][0]["name"], "caf\xEF\xBF\xBD.png");
+}
+
+TEST_F(DenseTest, CoordinatesBeyondSinglePrecisionAreRefusedBeforeTheWork) {
+  geometry::Sim3 utm;
+  utm.translation = {500'123, 4'649'776, 120};
+  Model far = job_.model;
+  transform(far, utm);
+  // One wrong camera is no reason.
+  job_.model.images[0].pose = far.images[0].pose;
+  EXPECT_NO_THROW(check_coordinates(job_.model));
+  job_.model = far;
+  EXPECT_THAT(error_of_run(), HasSubstr("the coordinates of the model are too large"));
+  EXPECT_FALSE(fs::exists(job_.folder));
 }
 
 TEST_F(DenseTest, OtherOptionsOrImagesAreRecomputed) {

@@ -115,6 +115,7 @@ class DenseRun {
                     "the job has no folder or no images");
     const Model& model = job_.model;
     check_dense_input(model);
+    check_coordinates(model);
     const auto registered = std::count_if(model.images.begin(), model.images.end(),
                                           [](const Image& one) { return one.registered; });
     if (registered < 2) {

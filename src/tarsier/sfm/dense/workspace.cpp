@@ -7,6 +7,7 @@
 #include "tarsier/geometry/scaled_camera.h"
 #include "tarsier/media/atomic_file.h"
 #include "tarsier/media/stored_image.h"
+#include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/colmap.h"
 
 #include <fmt/format.h>
@@ -16,6 +17,7 @@
 #include <filesystem>
 #include <system_error>
 #include <utility>
+#include <vector>
 
 namespace tarsier::sfm {
 namespace {
@@ -66,6 +68,35 @@ void keep_known(DepthMap& map) {
 }
 
 }  // namespace
+
+void check_coordinates(const Model& model) {
+  int images = 0;
+  int beyond = 0;
+  const Image* example = nullptr;
+  for (const Image& image : model.images) {
+    if (!image.registered) continue;
+    const Eigen::Vector3d center = image.pose.center();
+    std::vector<double> distances;
+    for (const int point : image.points)
+      if (point >= 0 && static_cast<std::size_t>(point) < model.points.size())
+        distances.push_back(
+            (model.points[static_cast<std::size_t>(point)].position - center).norm());
+    if (distances.empty()) continue;
+    const auto median = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
+    std::nth_element(distances.begin(), median, distances.end());
+    ++images;
+    if (!is_beyond_float(center, *median)) continue;
+    ++beyond;
+    if (example == nullptr) example = &image;
+  }
+  if (2 * beyond <= images) return;
+  const Eigen::Vector3d center = example->pose.center();
+  throw Error(ErrorKind::kInput,
+              fmt::format("the coordinates of the model are too large for depth maps and surfaces "
+                          "('{}' is at {:.0f}, {:.0f}, {:.0f}): subtract one offset from all known "
+                          "positions, and align the model with these",
+                          printable(example->name), center[0], center[1], center[2]));
+}
 
 std::string_view name_of(MapKind kind) {
   return kind == MapKind::kPhotometric ? "photometric" : "geometric";

@@ -22,6 +22,10 @@ enum class MapKind {
 };
 [[nodiscard]] std::string_view name_of(MapKind kind);  // "photometric", "geometric"
 
+// Depth maps, clouds and surfaces have coordinates in single precision. Throws Error (kInput) where
+// these would distort the scene at most cameras, because the origin is too far away.
+void check_coordinates(const Model& model);
+
 // A folder of dense reconstruction, in the layout of COLMAP's dense workspace:
 //
 //   images/NAME                                     undistorted images

@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <string_view>
 
 namespace tarsier::sfm {
@@ -208,6 +209,12 @@ void transform(Model& model, const geometry::Sim3& similarity) {
   for (Point& point : model.points) point.position = similarity * point.position;
   for (Image& image : model.images)
     if (image.registered) image.pose = geometry::moved_camera(image.pose, similarity);
+}
+
+bool is_beyond_float(const Eigen::Vector3d& position, double length) {
+  constexpr double kMaxShare = 1e-4;
+  constexpr double kRounding = std::numeric_limits<float>::epsilon() / 2;  // of a number near 1
+  return position.cwiseAbs().maxCoeff() * kRounding > kMaxShare * length;
 }
 
 std::map<std::string, Eigen::Vector3d> read_positions_csv(const std::string& path) {

@@ -35,6 +35,10 @@ namespace tarsier::sfm {
 // std::invalid_argument unless the similarity is valid (scale > 0, proper rotation, all finite).
 void transform(Model& model, const geometry::Sim3& similarity);
 
+// Whether single precision rounds coordinates near `position` by more than a ten-thousandth of
+// `length`, as metres of UTM in a scene of a few metres.
+[[nodiscard]] bool is_beyond_float(const Eigen::Vector3d& position, double length);
+
 // Reads known positions of images: lines "name,x,y,z". Blanks around fields and empty lines are
 // allowed. A name with a comma stands in "...". A first line without numbers is a header. At most
 // 100 MB. Throws InputError, which names the line: not four fields, an invalid number or one beyond

@@ -14,5 +14,10 @@ inline void put(std::string& bytes, std::uint32_t value) {
 inline void put(std::string& bytes, float value) {
   put(bytes, std::bit_cast<std::uint32_t>(value));
 }
+inline void put(std::string& bytes, double value) {
+  const auto word = std::bit_cast<std::uint64_t>(value);
+  put(bytes, static_cast<std::uint32_t>(word));
+  put(bytes, static_cast<std::uint32_t>(word >> 32));
+}
 
 }  // namespace tarsier::sfm

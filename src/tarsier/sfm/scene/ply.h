@@ -9,9 +9,10 @@ namespace tarsier::sfm {
 
 // PLY files (binary, little endian) for MeshLab, CloudCompare, Blender and similar programs, in
 // world units and with colours. Files are written atomically. Both functions throw OutputError, and
-// std::invalid_argument for numbers that are not finite.
+// std::invalid_argument for numbers that are not finite. Coordinates are float, or double where the
+// origin is so far away that float would distort the scene (is_beyond_float()).
 
-// The points: x y z (float), red green blue (uchar).
+// The points: x y z (float or double), red green blue (uchar).
 void write_points_ply(const std::string& path, const Model& model);
 
 // Writes a pyramid for each registered image, in their order. Vertex 0 is the camera centre.

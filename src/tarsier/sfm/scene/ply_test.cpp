@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/media/testing_folder.h"
+#include "tarsier/sfm/scene/align.h"
 #include "tarsier/sfm/scene/testing_model.h"
 
 #include <Eigen/Geometry>
@@ -45,6 +46,7 @@ double read_number(const std::string& bytes, std::size_t& offset, const std::str
     return static_cast<double>(value);
   };
   if (type == "float") return copy(float{});
+  if (type == "double") return copy(double{});
   if (type == "int") return copy(std::int32_t{});
   EXPECT_EQ(type, "uchar");
   return copy(std::uint8_t{});
@@ -113,6 +115,24 @@ TEST_F(PlyTest, PointsHavePositionsAndColors) {
       EXPECT_NEAR(row[static_cast<std::size_t>(k)], point.position[k], 1e-6);
       EXPECT_EQ(row[static_cast<std::size_t>(3 + k)], point.color[2 - k]);
     }
+  }
+}
+
+TEST_F(PlyTest, FarFromTheOriginCoordinatesAreDouble) {
+  Model far = model_;
+  geometry::Sim3 utm;
+  utm.translation = {500'123, 4'649'776, 120};
+  transform(far, utm);
+  far.points[0].position = {0, 0, 1e9};  // a wrong point does not count
+  write_points_ply(path("points.ply"), far);
+  write_cameras_ply(path("cameras.ply"), far, 0.25);
+  const std::vector<Element> points = read_ply(contents(path("points.ply")));
+  const std::vector<Element> cameras = read_ply(contents(path("cameras.ply")));
+  EXPECT_EQ(points[0].properties[2].type, "double");
+  ASSERT_EQ(points[0].rows.size(), far.points.size());
+  for (std::size_t k = 0; k < 3; ++k) {
+    EXPECT_EQ(points[0].rows[7][k], far.points[7].position[static_cast<int>(k)]);
+    EXPECT_EQ(cameras[0].rows[0][k], far.images[0].pose.center()[static_cast<int>(k)]);
   }
 }
 

@@ -99,6 +99,7 @@ void SurfaceReconstructor::paint(const Workspace& workspace, Progress& progress,
 
 SurfaceResult SurfaceReconstructor::run(const Workspace& workspace, Progress& progress,
                                         const std::stop_token& stop) const {
+  check_coordinates(workspace.sparse());
   SurfaceResult result;
   make_mesh(workspace, progress, stop, result);
   SurfaceMesh& mesh = result.surface.mesh;

@@ -78,8 +78,8 @@ class SurfaceReconstructor {
   explicit SurfaceReconstructor(const SurfaceOptions& options);  // throws std::invalid_argument
   [[nodiscard]] const SurfaceOptions& options() const { return options_; }
 
-  // Returns a surface without faces where the depth maps show none. Throws as fuse_depth_maps() and
-  // make_surface_texture().
+  // Returns a surface without faces where the depth maps show none. Throws as check_coordinates(),
+  // fuse_depth_maps() and make_surface_texture().
   [[nodiscard]] SurfaceResult run(const Workspace& workspace, Progress& progress,
                                   const std::stop_token& stop) const;
 
