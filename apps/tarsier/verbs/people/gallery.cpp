@@ -213,6 +213,8 @@ ExitStatus report_deletion(const face::people::Gallery& gallery, const std::stri
   }
   if (!search.unreadable.empty())
     throw OutputError(search.unreadable.front(), "could not be searched");
+  if (!report.gallery_searched)
+    throw OutputError(gallery.path(), "was moved meanwhile and could not be searched");
   if (!search.skipped.empty()) {
     throw OutputError(
         flags.people.gallery,

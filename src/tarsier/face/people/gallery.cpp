@@ -164,6 +164,20 @@ std::string folder_of(const std::string& path) {
   return std::filesystem::path(path).parent_path().string();
 }
 
+// The file that a link leads to, also if it does not exist yet: SQLite writes its log beside it, and
+// the index and the search after forgetting use its folder.
+std::string without_links(const std::string& path) {
+  constexpr int kMaxLinks = 40;
+  std::filesystem::path file = path;
+  std::error_code error;
+  for (int i = 0; i < kMaxLinks && std::filesystem::is_symlink(file, error); ++i) {
+    const std::filesystem::path target = std::filesystem::read_symlink(file, error);
+    if (error) break;
+    file = file.parent_path() / target;  // of an absolute target, the target
+  }
+  return file.string();
+}
+
 // Bytes that all PNGs of the same size share: signature, header, start of the data chunk.
 constexpr std::size_t kPngHeaderBytes = 43;
 
@@ -182,7 +196,7 @@ void put_templates(Database& database, std::int64_t space,
 }  // namespace
 
 Gallery::Gallery(const std::string& path, DatabaseAccess access, int timeout_ms)
-    : database_(path, kKind, access, timeout_ms) {}
+    : database_(without_links(path), kKind, access, timeout_ms) {}
 
 std::vector<Person> Gallery::people() {
   Statement rows(database_,
@@ -501,6 +515,12 @@ std::optional<ForgetReport> Gallery::forget_matching(ForgetScope what, std::int6
       report.shared_with.push_back(row.step() ? row.text(0) : "unknown");
     }
   }
+  const auto is_gallery = [&](const std::string& file) {
+    std::error_code error;
+    return std::filesystem::equivalent(file, path(), error);
+  };
+  report.gallery_searched =
+      std::any_of(report.search.files.begin(), report.search.files.end(), is_gallery);
   const auto search_again = [&] {
     const std::vector<std::string> suspects = std::exchange(report.search.files_with_pieces, {});
     std::int64_t ignored = 0;
@@ -511,8 +531,7 @@ std::optional<ForgetReport> Gallery::forget_matching(ForgetScope what, std::int6
     search_again();
     // SQLite may have left bytes of moved rows in the free space of a page.
     const auto own_file = [&](const std::string& file) {
-      std::error_code error;
-      return std::filesystem::equivalent(file, path(), error) ||
+      return is_gallery(file) ||
              file.ends_with(std::filesystem::path(path()).filename().string() + "-wal");
     };
     if (std::any_of(report.search.files_with_pieces.begin(), report.search.files_with_pieces.end(),

@@ -151,11 +151,12 @@ struct ForgetReport {
   std::int64_t unproven_records = 0;
   IndexOutcome index = IndexOutcome::kNone;
   SearchReport search;
-  bool log_emptied = true;  // false: another program still reads the write-ahead log
-  // True if pieces were searched for, everything in and below the folder could be searched, and
-  // nothing was found. False if there was nothing to search for.
+  bool gallery_searched = false;  // the gallery's own file was searched
+  bool log_emptied = true;        // false: another program still reads the write-ahead log
+  // True if pieces were searched for, everything in and below the folder could be searched, also
+  // the gallery itself, and nothing was found. False if there was nothing to search for.
   [[nodiscard]] bool proven() const {
-    return log_emptied && searched_pieces > 0 && unproven_records == 0 &&
+    return log_emptied && gallery_searched && searched_pieces > 0 && unproven_records == 0 &&
            search.files_with_pieces.empty() && search.unreadable.empty() && search.skipped.empty();
   }
 };
@@ -164,6 +165,7 @@ struct ForgetReport {
 // Malicious files give InputError or OutputError that names the path.
 class Gallery {
  public:
+  // Of a link, path() is the file that it leads to.
   explicit Gallery(const std::string& path, DatabaseAccess access = DatabaseAccess::kCreate,
                    int timeout_ms = 5000);
 

@@ -160,6 +160,43 @@ TEST_F(GalleryTest, ReportsCopiesInSubfolders) {
   EXPECT_TRUE(gallery.forget("Ben", {})->search.files_with_pieces.size() == 1);
 }
 
+// The folder of the file itself is searched, not that of a link to it.
+TEST_F(GalleryTest, FollowsALinkToItsFile) {
+  namespace fs = std::filesystem;
+  fs::create_directory(path("real"));
+  fs::create_directory(path("link"));
+  fs::create_symlink("../real/p.db", path("link/people.db"));
+  {
+    Gallery gallery(path("link/people.db"));
+    EXPECT_TRUE(fs::equivalent(gallery.path(), path("real/p.db")));
+    gallery.enroll("Ann", "", stored_face(1));
+    gallery.enroll("Ben", "", stored_face(2));
+  }
+  fs::copy_file(path("real/p.db"), path("real/backup.db"));
+  Gallery gallery(path("link/people.db"));
+  const auto report = gallery.forget("Ann", {});
+  ASSERT_TRUE(report);
+  EXPECT_TRUE(report->gallery_searched);
+  EXPECT_FALSE(report->proven());
+  ASSERT_THAT(report->search.files_with_pieces, SizeIs(1));
+  EXPECT_TRUE(fs::equivalent(report->search.files_with_pieces[0], path("real/backup.db")));
+  fs::remove(path("real/backup.db"));
+  EXPECT_TRUE(gallery.forget("Ben", {})->proven());
+}
+
+// A proof needs that the gallery's own file was searched.
+TEST_F(GalleryTest, AMovedGalleryProvesNothing) {
+  Gallery gallery(path("p.db"));
+  gallery.enroll("Ann", "", stored_face(1));
+  const auto folder = std::filesystem::path(folder_).string() + "-moved.db";
+  std::filesystem::rename(path("p.db"), folder);
+  const auto report = gallery.forget("Ann", {});
+  std::filesystem::remove(folder);
+  ASSERT_TRUE(report);
+  EXPECT_FALSE(report->gallery_searched);
+  EXPECT_FALSE(report->proven());
+}
+
 // One image under two names. The other person's bytes stay, so nothing is reported as proven.
 TEST_F(GalleryTest, SharedImagesMakeDeletionUnproven) {
   Gallery gallery(path("p.db"));
