@@ -361,9 +361,7 @@ void PeoplePanel::begin_naming() {
 void PeoplePanel::correct(const std::function<void()>& work) {
   try {
     work();
-  } catch (const InputError& error) {  // deleted meanwhile, or changed by another program
-    message_ = error.what();
-  } catch (const UsageError& error) {  // an invalid name
+  } catch (const Error& error) {  // deleted or changed by another program, locked; an invalid name
     message_ = error.what();
   }
   refresh();

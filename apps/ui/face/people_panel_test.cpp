@@ -30,7 +30,7 @@ class PeoplePanelTest : public FolderTest {
       const std::int64_t id = gallery_->add_sighting(1000 + i, "camera", "", false, 0, &seen);
       assignments.push_back({id, i < 3 ? 1 : 2, {}});
     }
-    ASSERT_TRUE(gallery_->store_assignments(assignments, 3, gallery_->generation()));
+    ASSERT_TRUE(gallery_->store_assignments(assignments, 3, gallery_->group_generation()));
     for (int i = 0; i < 2; ++i) gallery_->enroll("Ann", "", stored(10 + i));
     panel_.emplace(*gallery_,
                    PeoplePanel::Options{[] {

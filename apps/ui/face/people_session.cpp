@@ -241,7 +241,7 @@ void PeopleSession::reject_name() {
     corrections_.push_back(
         gallery_.not_this_person(face.identity.label, seen, source_name_, stamp()));
     message_ = fmt::format("Not {}: recorded (u: undo)", printable(face.identity.label));
-  } catch (const InputError& error) {  // forgotten meanwhile
+  } catch (const Error& error) {  // forgotten meanwhile, or the gallery is locked
     message_ = error.what();
   }
   follow();
@@ -259,7 +259,7 @@ void PeopleSession::undo() {
   try {
     (void)gallery_.undo(id, stamp());
     message_ = fmt::format("Correction {} undone", id);
-  } catch (const InputError& error) {  // undone by another program, or the person was forgotten
+  } catch (const Error& error) {  // undone by another program, or the gallery is locked
     message_ = error.what();
   }
   on_correction();

@@ -73,7 +73,7 @@ void PeopleSession::find_groups() {
       group_count_ > 0 && background != nullptr && background->basis.rows() > 0 && !grouping_;
   if (has_groups) {
     if (!finder_) finder_.emplace(gallery_, *background);
-    if (const std::int64_t now = gallery_.generation(); now != finder_generation_) {
+    if (const std::int64_t now = gallery_.group_generation(); now != finder_generation_) {
       finder_->invalidate();
       finder_generation_ = now;
       for (auto& [id, face] : tracked_unknowns_) face.frames_since_search = 0;

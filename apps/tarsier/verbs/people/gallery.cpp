@@ -239,16 +239,32 @@ ExitStatus forget_group(face::people::Gallery& gallery, const GalleryFlags& flag
   return report_deletion(gallery, name, *report, flags, context);
 }
 
+// A name that is not enrolled may still be in the log of corrections.
+ExitStatus forget_log_entries(face::people::Gallery& gallery, const GalleryFlags& flags,
+                              const Context& context) {
+  if (!gallery.is_in_log(flags.name)) {
+    log_warning("{}: nobody is enrolled as '{}'", flags.people.gallery, printable(flags.name));
+    return ExitStatus::kNothingFound;
+  }
+  if (!flags.yes && !confirmed_by_user(flags.name, "the corrections that name them"))
+    return ExitStatus::kNothingFound;
+  const std::int64_t entries = gallery.forget_in_log(flags.name);
+  if (context.json) {
+    print_json({{"name", flags.name}, {"faces", 0}, {"log_entries", entries}});
+  } else {
+    print_text(fmt::format("Nobody is enrolled as '{}'; {} correction{} deleted from the log\n",
+                           printable(flags.name), entries, entries == 1 ? "" : "s"));
+  }
+  return ExitStatus::kDone;
+}
+
 ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
   face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
   if (flags.name.empty() == (flags.group == 0))
     throw UsageError("give NAME, or --group of unknown faces");
   if (flags.group > 0) return forget_group(gallery, flags, context);
   const auto person = gallery.find(flags.name);
-  if (!person) {
-    log_warning("{}: nobody is enrolled as '{}'", flags.people.gallery, flags.name);
-    return ExitStatus::kNothingFound;
-  }
+  if (!person) return forget_log_entries(gallery, flags, context);
   if (!flags.yes && !confirmed_by_user(person->name, fmt::format("{} faces", person->faces)))
     return ExitStatus::kNothingFound;
   const auto report = gallery.forget(flags.name, context.stop);

@@ -79,7 +79,8 @@ ExportReport export_gallery(Gallery& gallery, const std::string& target,
       write_image(folder + "/" + file, face->crop);
       entry["file"] = file;
     }
-    if (const auto person = index.find(sighting.name); person != index.end()) {
+    if (const auto person = sighting.known ? index.find(sighting.name) : index.end();
+        person != index.end()) {
       all[person->second]["sightings"].push_back(std::move(entry));
     } else {
       entry["group"] =

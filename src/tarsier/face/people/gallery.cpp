@@ -356,11 +356,13 @@ std::optional<StoredFace> Gallery::latest_face(std::int64_t person) {
 
 namespace {
 
-// All stored face data: enrolled faces, sightings and negatives. Unknown sightings have owner 0.
+// All stored face data: enrolled faces, sightings and negatives. Unknown sightings have owner 0,
+// also those with a nearest person.
 constexpr const char* kStoredFaceData =
     "(SELECT person AS owner, 0 AS grouped, crop, numbers FROM face LEFT JOIN template ON "
-    "template.face = face.id UNION ALL SELECT coalesce(person, 0), coalesce(grouped, 0), crop, "
-    "numbers FROM seen_face JOIN sighting ON sighting.id = seen_face.sighting UNION ALL SELECT "
+    "template.face = face.id UNION ALL SELECT CASE known WHEN 0 THEN 0 ELSE coalesce(person, 0) "
+    "END, coalesce(grouped, 0), crop, numbers FROM seen_face JOIN sighting ON sighting.id = "
+    "seen_face.sighting UNION ALL SELECT "
     "person, 0, crop, NULL FROM negative)";
 
 }  // namespace
@@ -388,6 +390,19 @@ std::optional<ForgetReport> Gallery::forget(std::string_view name, const std::st
   return forget_matching(ForgetScope::kPerson, person->id, stop, limits);
 }
 
+bool Gallery::is_in_log(std::string_view name) {
+  Transaction transaction(database_);
+  return remove_log_entries(0, name) > 0;  // not committed
+}
+
+std::int64_t Gallery::forget_in_log(std::string_view name) {
+  Transaction transaction(database_);
+  const std::int64_t removed = remove_log_entries(0, name);
+  transaction.commit();
+  if (removed > 0) (void)shrink_file();
+  return removed;
+}
+
 std::optional<ForgetReport> Gallery::forget_group(std::int64_t group, const std::stop_token& stop,
                                                   const SearchLimits& limits) {
   {
@@ -411,7 +426,8 @@ std::optional<ForgetReport> Gallery::forget_matching(ForgetScope what, std::int6
   const std::string own = what == ForgetScope::kPerson ? "= ?" : ">= ?";  // ids are greater than 0
   const std::string secrets = group ? "grouped = ?" : "owner " + own;
   const std::string seen = group ? "id IN (SELECT sighting FROM seen_face WHERE grouped = ?)"
-                                 : "coalesce(person, 0) " + own;
+                           : what == ForgetScope::kPerson ? "known <> 0 AND person = ?"
+                                                          : "id >= ?";
   const auto count = [&](const std::string& query) {
     Statement row(database_, query);
     row.bind(1, id);
@@ -465,6 +481,8 @@ std::optional<ForgetReport> Gallery::forget_matching(ForgetScope what, std::int6
       if (report.model_removed) drop_model();
     }
     remove("DELETE FROM sighting WHERE " + seen);  // and their faces
+    // Unknown people whom this person resembles stay.
+    if (what == ForgetScope::kPerson) remove("UPDATE sighting SET person = NULL WHERE person = ?");
     if (!group) {
       for (const char* statement :
            {"DELETE FROM template WHERE face IN (SELECT id FROM face WHERE person {}) ",
@@ -479,13 +497,13 @@ std::optional<ForgetReport> Gallery::forget_matching(ForgetScope what, std::int6
     // Corrections name these people and could restore them.
     if (what == ForgetScope::kAll) {
       database_.run("DELETE FROM correction");
+    } else if (group) {
+      remove(
+          "DELETE FROM correction WHERE (kind IN ('merge groups', 'split group') AND ?1 IN "
+          "(source, target)) OR (kind = 'name' AND source = ?1)");
+      remove_undo_entries();
     } else {
-      remove(group ? "DELETE FROM correction WHERE (kind IN ('merge groups', 'split group') AND ?1 "
-                     "IN (source, target)) OR (kind = 'name' AND source = ?1)"
-                   : "DELETE FROM correction WHERE kind NOT IN ('merge groups', 'split group') AND "
-                     "(target = ?1 OR (source = ?1 AND kind <> 'name'))");
-      database_.run(
-          "DELETE FROM correction WHERE undoes > 0 AND undoes NOT IN (SELECT id FROM correction)");
+      (void)remove_log_entries(id, report.person.name);
     }
     drop_empty_groups();
     if (!group) increment_removals();
@@ -550,6 +568,13 @@ std::optional<ForgetReport> Gallery::forget_matching(ForgetScope what, std::int6
 
 std::int64_t Gallery::generation() {
   Statement row(database_, "SELECT value FROM setting WHERE name = 'generation'");
+  return row.step() ? row.integer(0) : 0;
+}
+
+std::int64_t Gallery::group_generation() {
+  Statement row(database_,
+                "SELECT sum(CAST(value AS INTEGER)) FROM setting WHERE name IN ('generation', "
+                "'group_changes')");
   return row.step() ? row.integer(0) : 0;
 }
 

@@ -195,13 +195,17 @@ class Gallery {
   // The most recently enrolled face of a person.
   [[nodiscard]] std::optional<StoredFace> latest_face(std::int64_t person);
 
-  // Removes the person with faces, templates and sightings, and also the model if it was trained on
-  // one of these faces. Frees the space, empties the write-ahead log, then searches the files in
+  // Removes the person with faces, templates, sightings and log entries, and also the model if it
+  // was trained on one of these faces. Unknown faces whose nearest person this was stay. Frees the space, empties the write-ahead log, then searches the files in
   // and below the gallery's folder for 32-byte pieces of the removed data. Empty if nobody has that
   // name. Throws Interrupted (during the search only).
   [[nodiscard]] std::optional<ForgetReport> forget(std::string_view name,
                                                    const std::stop_token& stop,
                                                    const SearchLimits& limits = {});
+  // Whether log entries name a person who is not enrolled (any more).
+  [[nodiscard]] bool is_in_log(std::string_view name);
+  // Deletes these entries; returns how many.
+  std::int64_t forget_in_log(std::string_view name);
   // Forgets everybody at once. Empty if nobody is enrolled.
   [[nodiscard]] std::optional<ForgetReport> forget_all(const std::stop_token& stop,
                                                        const SearchLimits& limits = {});
@@ -213,6 +217,8 @@ class Gallery {
 
   // Changes with every enrolment, removal and training, by any program. Costs one look-up.
   [[nodiscard]] std::int64_t generation();
+  // Changes with generation(), and when sightings are grouped or deleted.
+  [[nodiscard]] std::int64_t group_generation();
   // Replaces the model, trained at generation `generation` on the faces `learned`. `space` 0: the
   // model has its own space, with these templates. Returns the model's id. Empty if one of the
   // faces was removed meanwhile; then nothing is stored.
@@ -305,7 +311,8 @@ class Gallery {
     std::vector<std::pair<std::int64_t, std::int64_t>> merged;
   };
   // Stores placements and the id of the next group in one transaction. Returns false and stores
-  // nothing if groups or sightings have changed since `generation`.
+  // nothing if groups or sightings have changed since group_generation() was `generation`. Otherwise
+  // it is then `generation` + 1.
   bool store_assignments(std::span<const SightingAssignment> assignments, std::int64_t next,
                          std::int64_t generation);
   // Merges groups that show the same person, in this order: the first of each pair into the second.
@@ -375,6 +382,7 @@ class Gallery {
       const std::function<void(std::int64_t owner, std::span<const std::uint8_t>)>& take);
   void drop_empty_groups();
   void set_next_group(std::int64_t id);
+  void increment_group_changes();
   void join_groups(std::int64_t from, std::int64_t into);
   [[nodiscard]] Person require_person(std::string_view name);
   struct CorrectionRecord;
@@ -388,6 +396,10 @@ class Gallery {
                               const Person& from, std::string_view to,
                               const CorrectionStamp& stamp);
   void revert(const CorrectionRecord& record);
+  void restore_apart(std::int64_t group, std::int64_t other);
+  void restore_face(std::int64_t face, std::int64_t negative);
+  std::int64_t remove_log_entries(std::int64_t person, std::string_view name);
+  void remove_undo_entries();
   [[nodiscard]] bool shrink_file();
   Database database_;
 };

@@ -171,6 +171,11 @@ std::int64_t Gallery::name_group(std::int64_t group, std::string_view name, std:
     old.bind(1, sighting.id);
     write_change(id, "sighting", sighting.id, old.step() ? old.integer(0) : 0);
   }
+  run_statement(
+      database_,
+      "INSERT INTO correction_row(correction, kind, row, before) SELECT ?2, 'apart', b, 0 "
+      "FROM group_apart WHERE a = ?1",
+      group, id);
   run_statement(database_,
                 "UPDATE sighting SET known = 1, person = ?2 WHERE id IN (SELECT sighting FROM "
                 "seen_face WHERE grouped = ?1)",
@@ -511,7 +516,8 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
     throw InputError(
         path(), fmt::format("correction {} was undone already, by {}", record.id, record.undone));
   {
-    // A later correction that changed the same rows, or removed the person of this one.
+    // A later correction that changed the same rows, or removed the person of this one, or is of the
+    // person whom this one added and whom undoing removes.
     Statement later(
         database_,
         "SELECT id, kind FROM correction AS later WHERE id > ?1 AND undone = 0 AND undoes = 0 AND "
@@ -519,12 +525,14 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
         "theirs.kind = mine.kind AND theirs.row = mine.row WHERE mine.correction = ?1 AND "
         "theirs.correction = later.id AND mine.kind <> 'apart') OR (kind = 'merge' AND source IN "
         "(?2, ?3) AND ?4 = 0) OR (kind IN ('merge groups', 'name') AND source IN (?2, ?3) AND ?4 = "
-        "1)) ORDER BY id DESC LIMIT 1");
+        "1) OR (?5 = 1 AND kind NOT IN ('merge groups', 'split group') AND (target = ?3 OR (source "
+        "= ?3 AND kind <> 'name')))) ORDER BY id DESC LIMIT 1");
     const bool groups = record.kind.ends_with("groups") || record.kind.ends_with("group");
     later.bind(1, record.id)
         .bind(2, record.source)
         .bind(3, record.target)
-        .bind(4, std::int64_t{groups ? 1 : 0});
+        .bind(4, std::int64_t{groups ? 1 : 0})
+        .bind(5, std::int64_t{record.target_created && !groups ? 1 : 0});
     if (later.step())
       throw InputError(
           path(), fmt::format("correction {} ({}) later changed the same entries: undo it first",
@@ -544,7 +552,60 @@ std::int64_t Gallery::undo(std::int64_t id, const CorrectionStamp& stamp) {
   return undone;
 }
 
-// Runs inside a transaction. Skips rows that were removed meanwhile (retention, forgetting).
+// Deletes the entries that name a person who is being forgotten (`person`; 0: none), everybody with
+// this name who is not enrolled any more, and everybody who was merged into one of them. Returns
+// their number. Runs inside a transaction.
+std::int64_t Gallery::remove_log_entries(std::int64_t person, std::string_view name) {
+  Statement remove(
+      database_,
+      "WITH RECURSIVE gone(id) AS (SELECT ?1 WHERE ?1 > 0 UNION "
+      "SELECT source FROM correction WHERE source_name = ?2 AND kind IN ('not', 'move', 'merge', "
+      "'split') AND source NOT IN (SELECT id FROM person) UNION "
+      "SELECT target FROM correction WHERE target_name = ?2 AND kind IN ('name', 'move', 'merge', "
+      "'split') AND target NOT IN (SELECT id FROM person) UNION "
+      "SELECT source FROM correction JOIN gone ON target = gone.id WHERE kind = 'merge' AND source "
+      "NOT IN (SELECT id FROM person)) "
+      "DELETE FROM correction WHERE (kind IN ('name', 'move', 'merge', 'split') AND target IN "
+      "(SELECT id FROM gone)) OR (kind IN ('not', 'move', 'merge', 'split') AND source IN (SELECT "
+      "id FROM gone))");
+  remove.bind(1, person).bind(2, name);
+  (void)remove.step();
+  const std::int64_t removed = database_.changed_rows();
+  remove_undo_entries();
+  return removed;
+}
+
+// Deletes entries of undoing corrections that are not in the log any more.
+void Gallery::remove_undo_entries() {
+  database_.run(
+      "DELETE FROM correction WHERE undoes > 0 AND undoes NOT IN (SELECT id FROM correction)");
+}
+
+// Restores a face that was made a negative. It gets a new id, because an index contains all faces up
+// to the greatest id at its building.
+void Gallery::restore_face(std::int64_t face, std::int64_t negative) {
+  run_statement(database_,
+                "INSERT INTO face(person, crop, quality, measures, source, time) SELECT person, "
+                "crop, quality, measures, source, time FROM negative WHERE id = ?1",
+                negative);
+  if (database_.changed_rows() == 0) return;  // removed meanwhile
+  const std::int64_t id = database_.last_row_id();
+  run_statement(database_, "UPDATE correction_row SET row = ?2 WHERE kind = 'face' AND row = ?1",
+                face, id);
+  run_statement(database_, "UPDATE learned_face SET face = ?2 WHERE face = ?1", face, id);
+  run_statement(database_, "DELETE FROM negative WHERE id = ?1", negative);
+}
+
+// Keeps a group apart from another one again, if that still exists.
+void Gallery::restore_apart(std::int64_t group, std::int64_t other) {
+  for (const char* statement :
+       {"INSERT OR IGNORE INTO group_apart SELECT ?1, id FROM sighting_group WHERE id = ?2",
+        "INSERT OR IGNORE INTO group_apart SELECT id, ?1 FROM sighting_group WHERE id = ?2"})
+    run_statement(database_, statement, group, other);
+}
+
+// Runs inside a transaction. Skips rows that were removed meanwhile (retention, forgetting), and
+// people who were removed meanwhile.
 void Gallery::revert(const CorrectionRecord& record) {
   const auto run = [&](std::string_view statement, auto... numbers) {
     run_statement(database_, statement, numbers...);
@@ -583,20 +644,18 @@ void Gallery::revert(const CorrectionRecord& record) {
           record.source);
   } else if (record.kind == "move" || record.kind == "split") {
     for (const Change& change : changes)
-      run("UPDATE face SET person = ?2 WHERE id = ?1", change.row, change.before);
+      run("UPDATE face SET person = ?2 WHERE id = ?1 AND EXISTS(SELECT 1 FROM person WHERE id = "
+          "?2)",
+          change.row, change.before);
   } else if (record.kind == "not") {
     for (const Change& change : changes) {
-      if (change.kind == "face")
-        run("INSERT INTO face(id, person, crop, quality, measures, source, time) SELECT ?1, "
-            "person, "
-            "crop, quality, measures, source, time FROM negative WHERE id = ?2",
-            change.row, change.before);
+      if (change.kind == "face") restore_face(change.row, change.before);
       if (change.kind == "sighting") {
         run("UPDATE seen_face SET grouped = NULL WHERE sighting = ?1", change.row);
-        run("UPDATE sighting SET person = ?2, known = ?3 WHERE id = ?1", change.row, record.source,
-            change.before);
+        run("UPDATE sighting SET person = ?2, known = ?3 WHERE id = ?1 AND EXISTS(SELECT 1 FROM "
+            "person WHERE id = ?2)",
+            change.row, record.source, change.before);
       }
-      if (change.kind == "face") run("DELETE FROM negative WHERE id = ?1", change.before);
       if (change.kind == "negative") run("DELETE FROM negative WHERE id = ?1", change.row);
     }
   } else if (record.kind == "name") {
@@ -606,6 +665,8 @@ void Gallery::revert(const CorrectionRecord& record) {
         run("DELETE FROM template WHERE face = ?1", change.row);
         run("DELETE FROM face WHERE id = ?1", change.row);
         increment_removals();
+      } else if (change.kind == "apart") {
+        restore_apart(record.source, change.row);
       } else {
         run("UPDATE sighting SET known = 0, person = (SELECT id FROM person WHERE id = ?2) WHERE "
             "id "
@@ -625,10 +686,7 @@ void Gallery::revert(const CorrectionRecord& record) {
         run("DELETE FROM group_apart WHERE a = ?1 AND b = ?2", record.target, change.row);
         run("DELETE FROM group_apart WHERE a = ?2 AND b = ?1", record.target, change.row);
       }
-      for (const char* statement :
-           {"INSERT OR IGNORE INTO group_apart SELECT ?1, id FROM sighting_group WHERE id = ?2",
-            "INSERT OR IGNORE INTO group_apart SELECT id, ?1 FROM sighting_group WHERE id = ?2"})
-        run(statement, record.source, change.row);
+      restore_apart(record.source, change.row);
     }
   }
   const bool of_people = record.kind == "move" || record.kind == "split" || record.kind == "name";

@@ -45,8 +45,8 @@ class CorrectionsTest : public FolderTest {
   // Groups of sightings of unknown people, as grouping makes them.
   void place(Gallery& gallery, std::int64_t sighting, std::int64_t group) {
     const std::vector<Gallery::SightingAssignment> assignments{{sighting, group, {}}};
-    ASSERT_TRUE(
-        gallery.store_assignments(assignments, gallery.next_group() + 1, gallery.generation()));
+    ASSERT_TRUE(gallery.store_assignments(assignments, gallery.next_group() + 1,
+                                          gallery.group_generation()));
   }
   static std::vector<std::string> who(Gallery& gallery) {
     std::vector<std::string> out;
@@ -202,15 +202,18 @@ TEST_F(CorrectionsTest, RejectedFaceBecomesANegative) {
   EXPECT_THAT(who(gallery), ElementsAre("Ann:3"));
   (void)gallery.undo(0, kNow);
   EXPECT_THAT(who(gallery), ElementsAre("Ann:4"));
-  EXPECT_EQ(gallery.face(wrong)->source, "x.png");
+  // It has a new id: an index holds every face up to the greatest id at its building.
+  const std::int64_t restored = gallery.last_face();
+  EXPECT_GT(restored, wrong);
+  EXPECT_EQ(gallery.face(restored)->source, "x.png");
   // A moved face belongs to the other person at once, without learning.
   (void)follower.update();
-  (void)gallery.move_faces(std::vector<std::int64_t>{wrong}, "Ben", kNow);
+  (void)gallery.move_faces(std::vector{restored}, "Ben", kNow);
   auto learned =
       load_gallery_model(gallery, nullptr, true, TrainingPolicy::kIfNeeded, progress_, {});
   follower.replace(std::move(learned));
   EXPECT_EQ(label(2, 1), "Ben");
-  (void)gallery.move_faces(std::vector<std::int64_t>{wrong}, "Cid", kNow);
+  (void)gallery.move_faces(std::vector{restored}, "Cid", kNow);
   (void)follower.update();
   EXPECT_EQ(label(2, 1), "Cid");
 }
@@ -283,6 +286,114 @@ TEST_F(CorrectionsTest, ForgettingRemovesLogEntries) {
   ASSERT_TRUE(gallery.forget_all({}));
   EXPECT_THAT(gallery.groups(), IsEmpty());
   EXPECT_EQ(gallery.sighting_count(), 0);
+}
+
+// People who were merged into a forgotten person are forgotten, too, also indirectly.
+TEST_F(CorrectionsTest, ForgettingFollowsMerges) {
+  Gallery gallery(path("p.db"));
+  const std::int64_t wrong = enroll(gallery, "A. Miller", 1, 5);
+  (void)enroll(gallery, "A. Miller", 1, 6);
+  (void)enroll(gallery, "Ann", 1, 1);
+  (void)enroll(gallery, "Ben", 2, 1);
+  (void)enroll(gallery, "Cid", 3, 1);
+  (void)gallery.not_this_face(wrong, kNow);
+  (void)gallery.merge_people("A. Miller", "Ann", kNow);
+  (void)gallery.merge_people("Ann", "Ben", kNow);
+  const std::int64_t other = gallery.move_faces(std::vector{gallery.last_face()}, "Eve", kNow);
+  ASSERT_TRUE(gallery.forget("Ben", {}));
+  ASSERT_THAT(gallery.corrections(), SizeIs(1));
+  EXPECT_EQ(gallery.corrections()[0].id, other);
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(message_of([&] { (void)gallery.undo(0, kNow); }), HasSubstr("nothing to undo"));
+  EXPECT_THAT(who(gallery), ElementsAre("Cid:1"));
+}
+
+// A merge that was undone makes nobody else forgotten.
+TEST_F(CorrectionsTest, ForgettingKeepsTheLogOfOthers) {
+  Gallery gallery(path("p.db"));
+  (void)enroll(gallery, "Ann", 1, 1);
+  (void)enroll(gallery, "Ben", 2, 1);
+  const std::int64_t face = enroll(gallery, "Ben", 2, 2);
+  (void)gallery.merge_people("Ben", "Ann", kNow);
+  (void)gallery.undo(0, kNow);
+  const std::int64_t moved = gallery.move_faces(std::vector{face}, "Cid", kNow);
+  ASSERT_TRUE(gallery.forget("Ann", {}));
+  ASSERT_THAT(gallery.corrections(), SizeIs(1));
+  EXPECT_EQ(gallery.corrections()[0].id, moved);
+}
+
+// The log names a person who is not enrolled any more.
+TEST_F(CorrectionsTest, ForgetsNamesInTheLog) {
+  Gallery gallery(path("p.db"));
+  place(gallery, see(gallery, "", false, 1, 1), 1);
+  (void)gallery.name_group(1, "Zoe Real", "", 20, kNow);
+  (void)gallery.undo(0, kNow);
+  ASSERT_THAT(gallery.people(), IsEmpty());
+  EXPECT_FALSE(gallery.forget("Zoe Real", {}));
+  EXPECT_FALSE(gallery.is_in_log("Zoe"));
+  EXPECT_EQ(gallery.forget_in_log("group 1"), 0);
+  EXPECT_TRUE(gallery.is_in_log("Zoe Real"));
+  EXPECT_THAT(gallery.corrections(), SizeIs(2));
+  EXPECT_EQ(gallery.forget_in_log("Zoe Real"), 1);
+  EXPECT_THAT(gallery.corrections(), IsEmpty());
+  // Somebody else may have got the name since: forgetting them deletes all entries with the name.
+  (void)gallery.name_group(1, "Zoe", "", 20, kNow);
+  (void)gallery.undo(0, kNow);
+  (void)enroll(gallery, "Zoe", 1, 3);
+  ASSERT_TRUE(gallery.forget("Zoe", {}));
+  EXPECT_THAT(gallery.corrections(), IsEmpty());
+}
+
+// Sightings of strangers name the nearest person. They stay when that person is forgotten.
+TEST_F(CorrectionsTest, ForgettingKeepsSightingsOfStrangers) {
+  Gallery gallery(path("p.db"));
+  (void)enroll(gallery, "Ann", 1, 1);
+  (void)see(gallery, "Ann", true, 1, 8);
+  const std::int64_t stranger = see(gallery, "Ann", false, 5, 1);
+  place(gallery, stranger, 1);
+  const auto report = gallery.forget("Ann", {});
+  ASSERT_TRUE(report);
+  EXPECT_EQ(report->sightings, 1);
+  EXPECT_TRUE(report->proven());
+  ASSERT_THAT(gallery.sightings(), SizeIs(1));
+  EXPECT_EQ(gallery.sightings()[0].id, stranger);
+  EXPECT_EQ(gallery.sightings()[0].name, "");
+  EXPECT_TRUE(gallery.sightings()[0].has_face);
+  EXPECT_EQ(gallery.group(1)->sightings, 1);
+}
+
+// Undoing "name" removes the person whom it added. A later correction of that person comes first.
+TEST_F(CorrectionsTest, UndoesCorrectionsOfAnAddedPersonInOrder) {
+  Gallery gallery(path("p.db"));
+  (void)enroll(gallery, "Ben", 2, 1);
+  place(gallery, see(gallery, "", false, 1, 1), 1);
+  const std::int64_t named = gallery.name_group(1, "Zoe", "", 20, kNow);
+  const std::int64_t face = enroll(gallery, "Zoe", 1, 7);
+  const std::int64_t moved = gallery.move_faces(std::vector{face}, "Ben", kNow);
+  EXPECT_THAT(message_of([&] { (void)gallery.undo(named, kNow); }), HasSubstr("undo it first"));
+  (void)gallery.undo(moved, kNow);
+  EXPECT_THAT(who(gallery), ElementsAre("Ben:1", "Zoe:2"));
+  (void)gallery.undo(named, kNow);
+  EXPECT_THAT(who(gallery), ElementsAre("Ben:1", "Zoe:1"));
+}
+
+// Groups that a user split stay apart, also after one of them was named and that was undone.
+TEST_F(CorrectionsTest, UndoingANameKeepsGroupsApart) {
+  Gallery gallery(path("p.db"));
+  const std::int64_t first = see(gallery, "", false, 1, 1);
+  const std::int64_t second = see(gallery, "", false, 1, 2);
+  place(gallery, first, 1);
+  place(gallery, second, 1);
+  (void)gallery.split_group(1, std::vector{second}, kNow);
+  const auto apart = gallery.cannot_link_pairs();
+  ASSERT_THAT(apart, SizeIs(1));
+  const std::int64_t id = gallery.name_group(1, "Zoe", "", 20, kNow);
+  EXPECT_THAT(gallery.cannot_link_pairs(), IsEmpty());
+  EXPECT_EQ(gallery.correction(id)->count, 2);  // a face and a sighting
+  (void)gallery.undo(0, kNow);
+  EXPECT_EQ(gallery.cannot_link_pairs(), apart);
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(gallery.cannot_link_pairs(), IsEmpty());
 }
 
 // A correction that was reported as done survives a kill.

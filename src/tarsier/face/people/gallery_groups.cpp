@@ -116,6 +116,7 @@ std::int64_t Gallery::forget_sightings_before(std::int64_t time, std::int64_t ma
   std::int64_t removed = 0;
   while (removed < max_count) {
     const std::int64_t batch = std::min(kMaxRemovedAtOnce, max_count - removed);
+    Transaction transaction(database_);
     Statement remove(database_,
                      "DELETE FROM sighting WHERE id IN (SELECT id FROM sighting WHERE time < ? "
                      "ORDER BY time LIMIT ?)");
@@ -123,10 +124,14 @@ std::int64_t Gallery::forget_sightings_before(std::int64_t time, std::int64_t ma
     (void)remove.step();
     const std::int64_t rows = database_.changed_rows();
     removed += rows;
+    if (rows > 0) {
+      drop_empty_groups();
+      increment_group_changes();
+    }
+    transaction.commit();
     if (rows < batch) break;
   }
   if (removed > 0) {
-    drop_empty_groups();
     database_.run("PRAGMA incremental_vacuum; PRAGMA wal_checkpoint(TRUNCATE)");
   }
   return removed;
@@ -233,6 +238,12 @@ void Gallery::set_next_group(std::int64_t id) {
   (void)insert.step();
 }
 
+void Gallery::increment_group_changes() {
+  database_.run(
+      "INSERT INTO setting(name, value) VALUES('group_changes', '1') ON CONFLICT(name) DO UPDATE "
+      "SET value = CAST(CAST(value AS INTEGER) + 1 AS TEXT)");
+}
+
 // Groups that were kept apart from `from` are kept apart from `into`.
 void Gallery::join_groups(std::int64_t from, std::int64_t into) {
   for (const char* statement :
@@ -247,7 +258,7 @@ void Gallery::join_groups(std::int64_t from, std::int64_t into) {
 bool Gallery::store_merges(std::span<const std::pair<std::int64_t, std::int64_t>> groups,
                            std::int64_t generation) {
   Transaction transaction(database_);
-  if (this->generation() != generation) return false;
+  if (group_generation() != generation) return false;
   for (const auto& [from, into] : groups) {
     for (const std::int64_t id : {from, into}) {
       Statement existing(database_, "SELECT 1 FROM sighting_group WHERE id = ?");
@@ -256,6 +267,7 @@ bool Gallery::store_merges(std::span<const std::pair<std::int64_t, std::int64_t>
     }
     join_groups(from, into);
   }
+  increment_group_changes();
   transaction.commit();
   return true;
 }
@@ -263,7 +275,7 @@ bool Gallery::store_merges(std::span<const std::pair<std::int64_t, std::int64_t>
 bool Gallery::store_assignments(std::span<const SightingAssignment> assignments, std::int64_t next,
                                 std::int64_t generation) {
   Transaction transaction(database_);
-  if (this->generation() != generation) return false;
+  if (group_generation() != generation) return false;
   for (const SightingAssignment& one : assignments) {
     {
       Statement existing(database_,
@@ -284,6 +296,7 @@ bool Gallery::store_assignments(std::span<const SightingAssignment> assignments,
     (void)update.step();
   }
   set_next_group(next);
+  increment_group_changes();
   transaction.commit();
   return true;
 }

@@ -275,6 +275,28 @@ TEST_F(GalleryIndexTest, CorrectionsTakeEffectAtOnce) {
   EXPECT_EQ(running.recognize(features, 0.01).threshold, exact.recognize(features, 0.01).threshold);
 }
 
+// A face that was restored is newer than the index.
+TEST_F(GalleryIndexTest, FindsARestoredFace) {
+  build();
+  for (const std::int64_t face : faces_of("p21")) (void)gallery_.not_this_face(face, {1, "me"});
+  ASSERT_EQ(faces_of("p21").size(), 0U);
+  for (int i = 0; i < kImages; ++i) (void)gallery_.undo(0, {1, "me"});
+  const std::vector<std::int64_t> faces = faces_of("p21");
+  ASSERT_THAT(faces, SizeIs(kImages));
+  std::vector<std::pair<std::int64_t, std::vector<float>>> templates;
+  for (const std::int64_t face : faces) {
+    EXPECT_GT(face, static_cast<std::int64_t>(kFaces));
+    templates.emplace_back(face, random_coordinates(21, 0));
+  }
+  gallery_.store_templates(space(), templates);
+  EXPECT_EQ(gallery_index_state(gallery_).newer, kImages);
+  GalleryFollower running = follower();
+  ASSERT_NE(running.index(), nullptr);
+  EXPECT_EQ(running.recognize(probe(*running.recognizer(), 21, 0), 0.01).label, "p21");
+  // The model was learned from these faces, under their old ids.
+  EXPECT_TRUE(gallery_.forget("p21", {})->model_removed);
+}
+
 TEST_F(GalleryIndexTest, IgnoresInvalidAndForeignFiles) {
   build();
   const std::string file = index_path(gallery_);

@@ -147,7 +147,7 @@ GroupTemplates templates_of_groups(Gallery& gallery, SightingTemplates& template
 bool merge_round(Gallery& gallery, SightingTemplates& templates, GroupingReport& report,
                  std::set<std::int64_t>& new_groups, const std::stop_token& stop) {
   throw_if_stopped(stop);
-  const std::int64_t generation = gallery.generation();
+  const std::int64_t generation = gallery.group_generation();
   std::set<std::pair<std::int64_t, std::int64_t>> cannot_link;
   for (const auto& [a, b] : gallery.cannot_link_pairs())
     cannot_link.emplace(std::min(a, b), std::max(a, b));
@@ -173,7 +173,7 @@ struct SightingGrouping::Work {
         pairs(recognition::pair_scores(background)),
         templates(of, background, pairs.model),
         first_pass(options),
-        generation(of.generation()),
+        generation(of.group_generation()),
         pending(of.ungrouped()) {
     std::size_t sightings = pending.size();
     of.each_grouped([&](std::int64_t, std::int64_t, double) { ++sightings; });
@@ -201,12 +201,13 @@ struct SightingGrouping::Work {
     }
     if (!gallery.store_assignments(assigned, groups->next(), generation)) {
       // The gallery was changed meanwhile: read the current state.
-      generation = gallery.generation();
+      generation = gallery.group_generation();
       pending = gallery.ungrouped();
       groups.reset();
       at = 0;
       return true;
     }
+    ++generation;
     new_groups = std::move(now);
     for (const Gallery::SightingAssignment& one : assigned)
       report.merged += static_cast<std::int64_t>(one.merged.size());

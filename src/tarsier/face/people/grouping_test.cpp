@@ -107,7 +107,7 @@ TEST_F(GroupingTest, StoreMergesRejectsAChangedGallery) {
   Gallery gallery(path("p.db"));
   see(gallery, 3, 0, 2);
   (void)group(gallery);
-  const std::int64_t generation = gallery.generation();
+  const std::int64_t generation = gallery.group_generation();
   const GroupPairs gone{{9, 1}};
   EXPECT_FALSE(gallery.store_merges(gone, generation));
   const GroupPairs chain{{3, 2}, {2, 1}};
@@ -117,6 +117,29 @@ TEST_F(GroupingTest, StoreMergesRejectsAChangedGallery) {
   ASSERT_THAT(gallery.groups(), SizeIs(1));
   EXPECT_EQ(gallery.groups().front().id, 1);
   EXPECT_EQ(gallery.groups().front().sightings, 6);
+}
+
+// Two programs group at the same time: the second does not revive a group that the first merged.
+TEST_F(GroupingTest, GroupingRejectsTheStateBeforeAnotherGrouping) {
+  Gallery gallery(path("p.db"));
+  see(gallery, 2, 0, 2);
+  (void)group(gallery);
+  ASSERT_THAT(gallery.groups(), SizeIs(2));
+  see(gallery, 1, 2, 2);
+  const std::vector<std::int64_t> pending = gallery.ungrouped();
+  ASSERT_THAT(pending, SizeIs(2));
+  const std::int64_t before = gallery.group_generation();
+  ASSERT_TRUE(gallery.store_merges(GroupPairs{{2, 1}}, before));
+  EXPECT_EQ(gallery.group_generation(), before + 1);
+  using Assignments = std::vector<Gallery::SightingAssignment>;
+  EXPECT_FALSE(gallery.store_assignments(Assignments{{pending[0], 2, {}}}, 3, before));
+  EXPECT_FALSE(gallery.group(2));
+  EXPECT_TRUE(gallery.store_assignments(Assignments{{pending[0], 1, {}}}, 3, before + 1));
+  EXPECT_FALSE(gallery.store_assignments(Assignments{{pending[1], 1, {}}}, 3, before + 1));
+  // Retention counts, too.
+  const std::int64_t grouped = gallery.group_generation();
+  EXPECT_GT(gallery.forget_sightings_before(1000), 0);
+  EXPECT_FALSE(gallery.store_assignments({}, 9, grouped));
 }
 
 TEST_F(GroupingTest, KeepsGroupIdsAfterRemovals) {
@@ -143,7 +166,7 @@ TEST_F(GroupingTest, RespectsCorrectionsMadeMeanwhile) {
   Gallery gallery(path("p.db"));
   see(gallery, 2, 0, 3);
   (void)group(gallery);
-  const std::int64_t generation = gallery.generation();
+  const std::int64_t generation = gallery.group_generation();
   // A user assigns the third sighting of the first person to another person.
   (void)gallery.split_group(1, std::vector<std::int64_t>{5}, {1, "me"});
   EXPECT_FALSE(gallery.store_assignments({}, 9, generation));
