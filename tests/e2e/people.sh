@@ -39,6 +39,11 @@ expect_out '"known":false' '"label":"../O'
 [ -s lena.png ] || fail "no image"
 run people verify "$name" "$leo"
 expect_status 0
+# The confidence is one half at the threshold, which depends on --far.
+for far in 0.999 0.01 1e-9; do
+  run people verify "$name" "$lena" --far "$far" --json
+  expect_out '"same":(true.*"confidence":(1|0\.[5-9])|false.*"confidence":0(,|\.[0-4]))'
+done
 run people verify "$name" "$lena"
 expect_status 1
 run people verify nobody "$leo"

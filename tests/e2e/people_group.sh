@@ -79,6 +79,9 @@ expect_out '"what":"not","from":"Ben","to":null,"count":2,"undone":null'
 run people identify "$second" --json
 expect_status 1
 grep -q '"label":"Ben"' stdout.txt && fail "still named so: $out"
+run people verify Ben "$second"
+expect_status 1
+expect_out 'is not Ben .a correction excludes it'
 run people correct not --sighting "$sighting"
 expect_status 3
 expect_error "sighting $sighting has no name"

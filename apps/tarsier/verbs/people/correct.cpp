@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/log.h"
+#include "tarsier/face/people/export.h"
 
 #include <fmt/format.h>
 
@@ -40,26 +41,11 @@ std::int64_t group_of(const std::string& text) {
   return id;
 }
 
-nlohmann::ordered_json json_of(const Correction& entry) {
-  nlohmann::ordered_json line = {{"correction", entry.id},
-                                 {"time", time_text(entry.time)},
-                                 {"who", entry.actor},
-                                 {"what", entry.kind}};
-  line["from"] = entry.from.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(entry.from);
-  line["to"] = entry.to.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(entry.to);
-  line["count"] = entry.count;
-  line["undone"] =
-      entry.undone > 0 ? nlohmann::ordered_json(entry.undone) : nlohmann::ordered_json();
-  line["undoes"] =
-      entry.undoes > 0 ? nlohmann::ordered_json(entry.undoes) : nlohmann::ordered_json();
-  return line;
-}
-
 ExitStatus report_correction(Gallery& gallery, std::int64_t id, const Context& context) {
   const auto entry = gallery.correction(id);
   if (!entry) return ExitStatus::kDone;
   if (context.json) {
-    print_json(json_of(*entry));
+    print_json(to_json(*entry, time_text));
   } else if (entry->kind == "undo") {
     print_text(fmt::format("Correction {}: {}\n", id, text_of(*entry)));
   } else {
@@ -136,7 +122,7 @@ ExitStatus show_log(const CorrectionLogFlags& flags, const Context& context) {
   const auto entries = gallery.corrections(flags.limit);
   for (const Correction& entry : entries) {
     if (context.json) {
-      print_json(json_of(entry));
+      print_json(to_json(entry, time_text));
     } else {
       print_text(fmt::format("{:>6}  {}  {:<12} {}\n", entry.id,
                              time_text(entry.time).substr(0, 19), printable(entry.actor),

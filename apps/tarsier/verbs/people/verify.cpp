@@ -27,31 +27,22 @@ struct VerifyFlags {
 };
 
 struct VerificationResult {
-  bool same = false;
-  double score = 0;
-  double threshold = 0;
-  double confidence = 0;
+  face::people::Recognition identity;
   bool trusted = true;
 };
 
 // Compares with the claimed person only. So a stranger has one chance of a false accept, not one
-// for each enrolled person.
-VerificationResult verify_face(const face::recognition::Recognizer& model,
-                               const face::people::Face& face, const std::string& name,
-                               double rate) {
-  VerificationResult out;
-  out.trusted = face.trusted;
+// for each enrolled person. Empty: corrections exclude the person.
+std::optional<VerificationResult> verify_face(const face::recognition::Recognizer& model,
+                                              const face::people::Face& face,
+                                              const std::string& name, double rate) {
   const auto features = face::recognition::template_of(
       model, face::people::recognizer_input(model.options.algorithm, face.crop));
   for (const auto& person : face::recognition::identify_template(model, features)) {
-    if (model.labels[static_cast<std::size_t>(person.person)] != name) continue;
-    out.score = person.score;
-    if (!model.calibration) break;
-    out.threshold = model.calibration->threshold(rate, 1);
-    out.same = out.score >= out.threshold;
-    out.confidence = model.calibration->probability(out.score);
+    if (model.labels[static_cast<std::size_t>(person.person)] == name)
+      return VerificationResult{face::people::recognition_of(model, person, rate, 1), face.trusted};
   }
-  return out;
+  return std::nullopt;
 }
 
 ExitStatus verify(const VerifyFlags& flags, Context& context) {
@@ -86,30 +77,34 @@ ExitStatus verify(const VerifyFlags& flags, Context& context) {
     std::optional<VerificationResult> result;
     // Of several faces, the one most similar to the person counts.
     for (const face::people::Face& face : faces) {
-      const VerificationResult one = verify_face(*model, face, flags.name, flags.rate);
-      if (!result || one.score > result->score) result = one;
+      const auto one = verify_face(*model, face, flags.name, flags.rate);
+      if (one && (!result || one->identity.score > result->identity.score)) result = one;
     }
-    any = any || result;
-    all = all && result && result->same;
+    const bool same = result && result->identity.known;
+    any = any || !faces.empty();
+    all = all && same;
     nlohmann::ordered_json line = {{"image", frame->name}, {"name", flags.name}};
-    line["same"] = result && result->same;
+    line["same"] = same;
     line["faces"] = faces.size();
     if (result) {
-      line["confidence"] = rounded(result->confidence, 4);
-      line["score"] = result->score;
-      line["threshold"] = result->threshold;
+      line["confidence"] = rounded(result->identity.confidence, 4);
+      line["score"] = result->identity.score;
+      line["threshold"] = result->identity.threshold;
       line["trusted"] = result->trusted;
     }
     if (batch) batch->record(frame->index, line, {});
     if (context.json) {
       print_json(line);
     } else if (!result) {
-      print_text(fmt::format("{}: no face\n", printable(frame->name)));
+      print_text(fmt::format("{}: {}\n", printable(frame->name),
+                             faces.empty() ? std::string("no face")
+                                           : fmt::format("is not {} (a correction excludes it)",
+                                                         printable(flags.name))));
     } else {
-      print_text(fmt::format("{}: {} {} ({}{:.0f} %; score {:.3f}, threshold {:.3f})\n",
-                             printable(frame->name), result->same ? "is" : "is not",
-                             printable(flags.name), result->trusted ? "" : "uncertain face; ",
-                             100 * result->confidence, result->score, result->threshold));
+      print_text(fmt::format(
+          "{}: {} {} ({}{:.0f} %; score {:.3f}, threshold {:.3f})\n", printable(frame->name),
+          same ? "is" : "is not", printable(flags.name), result->trusted ? "" : "uncertain face; ",
+          100 * result->identity.confidence, result->identity.score, result->identity.threshold));
     }
   }
   if (batch) batch->finish();

@@ -88,15 +88,52 @@ ExportReport export_gallery(Gallery& gallery, const std::string& target,
       unknown.push_back(std::move(entry));
     }
   }
+  nlohmann::ordered_json negatives = nlohmann::ordered_json::array();
+  for (const bool overruled : {false, true}) {
+    for (const Negative& negative :
+         overruled ? gallery.overruled_negatives() : gallery.negatives()) {
+      throw_if_stopped(stop);
+      const cv::Mat crop = gallery.negative_crop(negative.id);
+      if (crop.empty()) continue;  // removed meanwhile
+      if (negatives.empty()) make_folder(folder + "/negatives");
+      const std::string file = fmt::format("negatives/negative-{}.png", negative.id);
+      write_image(folder + "/" + file, crop);
+      negatives.push_back({{"not", gallery.name_of(negative.person)},
+                           {"file", file},
+                           {"overruled", overruled},
+                           {"quality", negative.quality},
+                           {"source", negative.source},
+                           {"time", time_text(negative.time)}});
+    }
+  }
+  nlohmann::ordered_json log = nlohmann::ordered_json::array();
+  for (const Correction& entry : gallery.corrections()) log.push_back(to_json(entry, time_text));
   write_file_atomically(folder + "/faces.lst", std::string_view(list));
   const nlohmann::ordered_json object = {{"people", std::move(all)},
-                                         {"unknown", std::move(unknown)}};
+                                         {"unknown", std::move(unknown)},
+                                         {"negatives", std::move(negatives)},
+                                         {"log", std::move(log)}};
   write_file_atomically(
       folder + "/people.json",
       std::string_view(object.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) +
                        "\n"));
   whole.commit();
   return report;
+}
+
+nlohmann::ordered_json to_json(const Correction& entry,
+                               const std::function<std::string(std::int64_t)>& time_text) {
+  using Json = nlohmann::ordered_json;
+  Json line = {{"correction", entry.id},
+               {"time", time_text(entry.time)},
+               {"who", entry.actor},
+               {"what", entry.kind}};
+  line["from"] = entry.from.empty() ? Json() : Json(entry.from);
+  line["to"] = entry.to.empty() ? Json() : Json(entry.to);
+  line["count"] = entry.count;
+  line["undone"] = entry.undone > 0 ? Json(entry.undone) : Json();
+  line["undoes"] = entry.undoes > 0 ? Json(entry.undoes) : Json();
+  return line;
 }
 
 }  // namespace tarsier::face::people

@@ -148,6 +148,23 @@ CREATE TABLE correction_row(    -- what it changed
   before INTEGER NOT NULL,      -- what undoing needs to know
   PRIMARY KEY(correction, kind, row)
 ) STRICT, WITHOUT ROWID;
+)sql",
+                          // 4: negatives end with their sighting, or are overruled
+                          R"sql(
+ALTER TABLE negative ADD COLUMN sighting INTEGER REFERENCES sighting(id) ON DELETE CASCADE;
+ALTER TABLE negative ADD COLUMN overruled INTEGER NOT NULL DEFAULT 0;  -- by this correction
+CREATE INDEX negative_by_sighting ON negative(sighting);
+CREATE TEMPORARY TABLE origin AS SELECT mine.row AS negative, theirs.row AS sighting FROM correction
+  JOIN correction_row AS mine ON mine.correction = correction.id AND mine.kind = 'negative'
+  JOIN correction_row AS theirs ON theirs.correction = correction.id AND theirs.kind = 'sighting'
+  WHERE correction.kind = 'not';
+DELETE FROM negative WHERE id IN
+  (SELECT negative FROM origin WHERE sighting NOT IN (SELECT id FROM sighting));
+UPDATE negative SET sighting = origin.sighting FROM origin WHERE origin.negative = negative.id;
+UPDATE negative SET sighting = (SELECT sighting.id FROM sighting JOIN seen_face ON
+  seen_face.sighting = sighting.id WHERE sighting.time = negative.time AND
+  seen_face.crop = negative.crop LIMIT 1) WHERE sighting IS NULL;
+DROP TABLE origin;
 )sql"}};
 
 Person person_at(const Statement& row, const std::string& path) {
@@ -239,6 +256,12 @@ std::int64_t Gallery::add_face(const StoredFace& face) {
   TARSIER_REQUIRE(face.features.empty() || face.space != 0, "a template of no space");
   const std::vector<std::uint8_t> png = encode_image(".png", face.crop, path());
   const std::string masked_source = masked(face.source);
+  {
+    // The same face cannot show the person and somebody else.
+    Statement remove(database_, "DELETE FROM negative WHERE person = ? AND crop = ?");
+    remove.bind(1, face.person).bind(2, std::span<const std::uint8_t>(png));
+    (void)remove.step();
+  }
   {
     Statement insert(database_,
                      "INSERT INTO face(person, crop, quality, measures, source, time) "
@@ -356,14 +379,18 @@ std::optional<StoredFace> Gallery::latest_face(std::int64_t person) {
 
 namespace {
 
-// All stored face data: enrolled faces, sightings and negatives. Unknown sightings have owner 0,
-// also those with a nearest person.
-constexpr const char* kStoredFaceData =
-    "(SELECT person AS owner, 0 AS grouped, crop, numbers FROM face LEFT JOIN template ON "
-    "template.face = face.id UNION ALL SELECT CASE known WHEN 0 THEN 0 ELSE coalesce(person, 0) "
-    "END, coalesce(grouped, 0), crop, numbers FROM seen_face JOIN sighting ON sighting.id = "
-    "seen_face.sighting UNION ALL SELECT "
-    "person, 0, crop, NULL FROM negative)";
+// All stored face data: enrolled faces, sightings and negatives, each with the person to whom it
+// belongs, the person as whom it was seen, and its group. Unknown sightings are of nobody (0), also
+// those with a nearest person.
+constexpr const char* kStoredFaceData = R"sql((
+SELECT person AS owner, 0 AS seen_as, 0 AS grouped, crop, numbers
+  FROM face LEFT JOIN template ON template.face = face.id
+UNION ALL SELECT iif(known <> 0, coalesce(person, 0), 0), 0, coalesce(grouped, 0), crop, numbers
+  FROM seen_face JOIN sighting ON sighting.id = seen_face.sighting
+UNION ALL SELECT negative.person, iif(known <> 0, coalesce(sighting.person, 0), 0),
+  coalesce(grouped, 0), negative.crop, NULL
+  FROM negative LEFT JOIN sighting ON sighting.id = negative.sighting
+  LEFT JOIN seen_face ON seen_face.sighting = negative.sighting))sql";
 
 }  // namespace
 
@@ -424,7 +451,9 @@ std::optional<ForgetReport> Gallery::forget_matching(ForgetScope what, std::int6
   ForgetReport report;
   const bool group = what == ForgetScope::kGroup;
   const std::string own = what == ForgetScope::kPerson ? "= ?" : ">= ?";  // ids are greater than 0
-  const std::string secrets = group ? "grouped = ?" : "owner " + own;
+  const std::string secrets = group                          ? "grouped = ?"
+                              : what == ForgetScope::kPerson ? "? IN (owner, seen_as)"
+                                                             : "owner >= ?";
   const std::string seen = group ? "id IN (SELECT sighting FROM seen_face WHERE grouped = ?)"
                            : what == ForgetScope::kPerson ? "known <> 0 AND person = ?"
                                                           : "id >= ?";

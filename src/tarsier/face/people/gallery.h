@@ -96,6 +96,9 @@ struct SightingGroup {
 struct Negative {
   std::int64_t id = 0;
   std::int64_t person = 0;
+  double quality = 0;     // 0..1
+  std::string source;     // file or camera, passwords masked
+  std::int64_t time = 0;  // ms since 1970-01-01 UTC
 };
 
 // A manual correction. Each is one transaction and can be undone by another correction.
@@ -328,7 +331,8 @@ class Gallery {
   std::int64_t name_group(std::int64_t group, std::string_view name, std::string_view note,
                           std::int64_t max_faces, const CorrectionStamp& stamp);
   // An enrolled face, or a sighting, does not show the person it is assigned to. It becomes a
-  // negative of that person.
+  // negative of that person. It is deleted with its sighting (retention, forget_group()), and
+  // overruled when the same face is given to the person again.
   std::int64_t not_this_face(std::int64_t face, const CorrectionStamp& stamp);
   std::int64_t not_this_sighting(std::int64_t sighting, const CorrectionStamp& stamp);
   // A face that is currently visible, and was never stored, does not show this person.
@@ -354,7 +358,9 @@ class Gallery {
   // Newest first, at most `limit` (0: all).
   [[nodiscard]] std::vector<Correction> corrections(std::int64_t limit = 0);
   [[nodiscard]] std::optional<Correction> correction(std::int64_t id);
+  // Without those that a later correction overruled.
   [[nodiscard]] std::vector<Negative> negatives();
+  [[nodiscard]] std::vector<Negative> overruled_negatives();
   [[nodiscard]] cv::Mat negative_crop(std::int64_t id);  // empty if it was removed
 
   // Deletes the sightings before `time` (ms), at most `max_count`; returns how many. Each
@@ -391,7 +397,8 @@ class Gallery {
                     std::int64_t before);
   std::int64_t add_negative(std::int64_t person, const std::vector<std::uint8_t>& png,
                             double quality, std::string_view measures, std::string_view source,
-                            std::int64_t time);
+                            std::int64_t time, std::int64_t sighting);
+  void overrule_negatives(std::int64_t person, std::int64_t correction);
   std::int64_t reassign_faces(std::string_view kind, std::span<const std::int64_t> faces,
                               const Person& from, std::string_view to,
                               const CorrectionStamp& stamp);

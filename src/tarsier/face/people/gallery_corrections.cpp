@@ -114,19 +114,36 @@ Person Gallery::require_person(std::string_view name) {
 
 std::int64_t Gallery::add_negative(std::int64_t person, const std::vector<std::uint8_t>& png,
                                    double quality, std::string_view measures,
-                                   std::string_view source, std::int64_t time) {
+                                   std::string_view source, std::int64_t time,
+                                   std::int64_t sighting) {
   const std::string masked_source = masked(source);
   Statement insert(database_,
-                   "INSERT INTO negative(person, crop, quality, measures, source, time) VALUES(?, "
-                   "?, ?, ?, ?, ?)");
+                   "INSERT INTO negative(person, crop, quality, measures, source, time, sighting) "
+                   "VALUES(?, ?, ?, ?, ?, ?, nullif(?, 0))");
   insert.bind(1, person)
       .bind(2, std::span<const std::uint8_t>(png))
       .bind(3, quality)
       .bind(4, measures)
       .bind(5, std::string_view(masked_source).substr(0, kMaxSourceBytes))
-      .bind(6, time);
+      .bind(6, time)
+      .bind(7, sighting);
   (void)insert.step();
   return database_.last_row_id();
+}
+
+// A face that a correction gave to the person does not rule the person out any more: negatives with
+// the same crop, or of a sighting that is now of the person, end until the correction is undone.
+void Gallery::overrule_negatives(std::int64_t person, std::int64_t correction) {
+  run_statement(
+      database_,
+      "WITH changed AS (SELECT kind, row FROM correction_row WHERE correction = ?2) "
+      "UPDATE negative SET overruled = ?2 WHERE person = ?1 AND overruled = 0 AND (EXISTS(SELECT 1 "
+      "FROM face WHERE face.person = ?1 AND face.crop = negative.crop AND (face.id IN (SELECT row "
+      "FROM changed WHERE kind = 'face')) <> (negative.id IN (SELECT row FROM changed WHERE kind = "
+      "'negative'))) OR (negative.id NOT IN (SELECT row FROM changed WHERE kind = 'negative') AND "
+      "EXISTS(SELECT 1 FROM sighting JOIN changed ON changed.row = sighting.id AND changed.kind = "
+      "'sighting' WHERE sighting.id = negative.sighting AND known <> 0)))",
+      person, correction);
 }
 
 std::int64_t Gallery::name_group(std::int64_t group, std::string_view name, std::string_view note,
@@ -183,6 +200,7 @@ std::int64_t Gallery::name_group(std::int64_t group, std::string_view name, std:
   run_statement(database_, "UPDATE seen_face SET grouped = NULL WHERE grouped = ?1", group);
   run_statement(database_, "DELETE FROM sighting_group WHERE id = ?1", group);
   set_next_group(std::max(next_group(), group + 1));
+  overrule_negatives(person.id, id);
   increment_generation();
   transaction.commit();
   return id;
@@ -194,15 +212,17 @@ std::int64_t Gallery::not_this_face(std::int64_t face, const CorrectionStamp& st
   std::int64_t negative = 0;
   {
     Statement row(database_,
-                  "SELECT person, name, crop, quality, measures, source, face.time FROM face JOIN "
-                  "person ON person.id = face.person WHERE face.id = ?");
+                  "SELECT person, name, crop, quality, measures, source, face.time, (SELECT "
+                  "sighting.id FROM sighting JOIN seen_face ON seen_face.sighting = sighting.id "
+                  "WHERE sighting.time = face.time AND seen_face.crop = face.crop LIMIT 1) FROM "
+                  "face JOIN person ON person.id = face.person WHERE face.id = ?");
     row.bind(1, face);
     if (!row.step()) throw_no_face(path(), face);
     record.kind = "not";
     record.source = row.integer(0);
     record.source_name = row.text(1);
     negative = add_negative(row.integer(0), row.bytes(2), row.real(3), row.text(4), row.text(5),
-                            row.integer(6));
+                            row.integer(6), row.integer(7));
   }
   const std::int64_t id = write_correction(record, stamp);
   write_change(id, "face", face, negative);
@@ -240,7 +260,7 @@ std::int64_t Gallery::not_this_sighting(std::int64_t sighting, const CorrectionS
     record.source_name = row.text(1);
     known = row.integer(7) != 0;
     negative = add_negative(row.integer(0), row.bytes(2), row.real(3), row.text(4), row.text(5),
-                            row.integer(6));
+                            row.integer(6), sighting);
   }
   const std::int64_t id = write_correction(record, stamp);
   write_change(id, "negative", negative, 0);
@@ -260,7 +280,7 @@ std::int64_t Gallery::not_this_person(std::string_view name, const SightingFace&
   Transaction transaction(database_);
   const Person person = require_person(name);
   const std::int64_t negative = add_negative(person.id, encode_image(".png", face.crop, path()),
-                                             face.quality, face.measures, source, stamp.time);
+                                             face.quality, face.measures, source, stamp.time, 0);
   CorrectionRecord record;
   record.kind = "not";
   record.source = person.id;
@@ -292,6 +312,7 @@ std::int64_t Gallery::reassign_faces(std::string_view kind, std::span<const std:
     update.bind(1, target.id).bind(2, face);
     (void)update.step();
   }
+  overrule_negatives(target.id, id);
   increment_generation();
   return id;
 }
@@ -374,6 +395,7 @@ std::int64_t Gallery::merge_people(std::string_view from, std::string_view into,
                   source.id, target.id);
   }
   run_statement(database_, "DELETE FROM person WHERE id = ?", source.id);
+  overrule_negatives(target.id, id);
   increment_generation();
   transaction.commit();
   return id;
@@ -581,19 +603,22 @@ void Gallery::remove_undo_entries() {
       "DELETE FROM correction WHERE undoes > 0 AND undoes NOT IN (SELECT id FROM correction)");
 }
 
-// Restores a face that was made a negative. It gets a new id, because an index contains all faces up
-// to the greatest id at its building.
+// Restores a face that was made a negative. In a gallery with an index it gets a new id: the index
+// is taken to hold every face up to the greatest id at its building.
 void Gallery::restore_face(std::int64_t face, std::int64_t negative) {
+  const std::int64_t same = index_record().empty() ? face : 0;
   run_statement(database_,
-                "INSERT INTO face(person, crop, quality, measures, source, time) SELECT person, "
-                "crop, quality, measures, source, time FROM negative WHERE id = ?1",
-                negative);
+                "INSERT INTO face(id, person, crop, quality, measures, source, time) SELECT "
+                "nullif(?2, 0), person, crop, quality, measures, source, time FROM negative WHERE "
+                "id = ?1",
+                negative, same);
   if (database_.changed_rows() == 0) return;  // removed meanwhile
-  const std::int64_t id = database_.last_row_id();
+  run_statement(database_, "DELETE FROM negative WHERE id = ?1", negative);
+  if (same == face) return;
+  const std::int64_t id = last_face();
   run_statement(database_, "UPDATE correction_row SET row = ?2 WHERE kind = 'face' AND row = ?1",
                 face, id);
   run_statement(database_, "UPDATE learned_face SET face = ?2 WHERE face = ?1", face, id);
-  run_statement(database_, "DELETE FROM negative WHERE id = ?1", negative);
 }
 
 // Keeps a group apart from another one again, if that still exists.
@@ -689,6 +714,7 @@ void Gallery::revert(const CorrectionRecord& record) {
       restore_apart(record.source, change.row);
     }
   }
+  run("UPDATE negative SET overruled = 0 WHERE overruled = ?1", record.id);
   const bool of_people = record.kind == "move" || record.kind == "split" || record.kind == "name";
   if (!record.target_created || !of_people) return;
   // Remove a person whom the correction added, unless other faces of that person exist now.
@@ -699,12 +725,23 @@ void Gallery::revert(const CorrectionRecord& record) {
       record.target);
 }
 
-std::vector<Negative> Gallery::negatives() {
-  Statement rows(database_, "SELECT id, person FROM negative ORDER BY id");
+namespace {
+
+std::vector<Negative> negatives_of(Database& database, const char* condition) {
+  Statement rows(database, fmt::format("SELECT id, person, quality, source, time FROM negative "
+                                       "WHERE overruled {} ORDER BY id",
+                                       condition));
   std::vector<Negative> out;
-  while (rows.step()) out.push_back({rows.integer(0), rows.integer(1)});
+  while (rows.step())
+    out.push_back({rows.integer(0), rows.integer(1), rows.real(2), rows.text(3), rows.integer(4)});
   return out;
 }
+
+}  // namespace
+
+std::vector<Negative> Gallery::negatives() { return negatives_of(database_, "= 0"); }
+
+std::vector<Negative> Gallery::overruled_negatives() { return negatives_of(database_, "<> 0"); }
 
 cv::Mat Gallery::negative_crop(std::int64_t id) {
   Statement row(database_, "SELECT crop FROM negative WHERE id = ?");

@@ -202,18 +202,15 @@ TEST_F(CorrectionsTest, RejectedFaceBecomesANegative) {
   EXPECT_THAT(who(gallery), ElementsAre("Ann:3"));
   (void)gallery.undo(0, kNow);
   EXPECT_THAT(who(gallery), ElementsAre("Ann:4"));
-  // It has a new id: an index holds every face up to the greatest id at its building.
-  const std::int64_t restored = gallery.last_face();
-  EXPECT_GT(restored, wrong);
-  EXPECT_EQ(gallery.face(restored)->source, "x.png");
+  EXPECT_EQ(gallery.face(wrong)->source, "x.png");
   // A moved face belongs to the other person at once, without learning.
   (void)follower.update();
-  (void)gallery.move_faces(std::vector{restored}, "Ben", kNow);
+  (void)gallery.move_faces(std::vector{wrong}, "Ben", kNow);
   auto learned =
       load_gallery_model(gallery, nullptr, true, TrainingPolicy::kIfNeeded, progress_, {});
   follower.replace(std::move(learned));
   EXPECT_EQ(label(2, 1), "Ben");
-  (void)gallery.move_faces(std::vector{restored}, "Cid", kNow);
+  (void)gallery.move_faces(std::vector{wrong}, "Cid", kNow);
   (void)follower.update();
   EXPECT_EQ(label(2, 1), "Cid");
 }
@@ -394,6 +391,100 @@ TEST_F(CorrectionsTest, UndoingANameKeepsGroupsApart) {
   EXPECT_EQ(gallery.cannot_link_pairs(), apart);
   (void)gallery.undo(0, kNow);
   EXPECT_THAT(gallery.cannot_link_pairs(), IsEmpty());
+}
+
+// A face that becomes one of the person's does not rule the person out any more.
+TEST_F(CorrectionsTest, NamingOverrulesANegative) {
+  Gallery gallery(path("p.db"));
+  (void)enroll(gallery, "Ann", 1, 1);
+  const std::int64_t seen = see(gallery, "Ann", true, 1, 2);
+  (void)gallery.not_this_sighting(seen, kNow);
+  (void)gallery.not_this_person("Ann", {image(2, 1), 0.5, "{}"}, "camera", kNow);
+  ASSERT_THAT(gallery.negatives(), SizeIs(2));
+  place(gallery, seen, 1);
+  (void)gallery.name_group(1, "Ann", "", 20, kNow);
+  ASSERT_THAT(gallery.negatives(), SizeIs(1));  // of somebody else
+  ASSERT_THAT(gallery.overruled_negatives(), SizeIs(1));
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(gallery.negatives(), SizeIs(2));
+  // A face that becomes no enrolled face counts, too, because its sighting is named.
+  const SightingFace better{image(1, 3), 0.9, "{}"};
+  place(gallery, gallery.add_sighting(3, "camera", "", false, 0, &better), 1);
+  (void)gallery.name_group(1, "Ann", "", 1, kNow);
+  EXPECT_THAT(gallery.negatives(), SizeIs(1));
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(gallery.negatives(), SizeIs(2));
+}
+
+TEST_F(CorrectionsTest, MovingAndMergingOverruleNegatives) {
+  Gallery gallery(path("p.db"));
+  (void)enroll(gallery, "Person 2", 1, 5);
+  const std::int64_t wrong = enroll(gallery, "Person 2", 1, 8);
+  (void)enroll(gallery, "Ann", 1, 1);
+  const std::int64_t face = enroll(gallery, "Ann", 1, 8);
+  (void)gallery.not_this_face(wrong, kNow);
+  ASSERT_THAT(gallery.negatives(), SizeIs(1));
+  (void)gallery.merge_people("Person 2", "Ann", kNow);
+  EXPECT_THAT(gallery.negatives(), IsEmpty());
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(gallery.negatives(), SizeIs(1));
+  (void)gallery.move_faces(std::vector{face}, "Person 2", kNow);
+  EXPECT_THAT(gallery.negatives(), IsEmpty());
+  // "Not this person" of the same face again: the last correction holds.
+  (void)gallery.not_this_face(face, kNow);
+  EXPECT_THAT(gallery.negatives(), SizeIs(1));
+  (void)gallery.merge_people("Ann", "Person 2", kNow);
+  EXPECT_THAT(gallery.negatives(), SizeIs(1));
+  // Enrolling is no correction: nothing brings the negative back.
+  (void)enroll(gallery, "Person 2", 1, 8);
+  EXPECT_THAT(gallery.negatives(), IsEmpty());
+}
+
+// A negative is a face of somebody who may not have agreed. It ends with its sighting.
+TEST_F(CorrectionsTest, NegativesEndWithTheirSighting) {
+  Gallery gallery(path("p.db"));
+  (void)enroll(gallery, "Ann", 1, 1);
+  const std::int64_t old = see(gallery, "Ann", true, 5, 10);
+  (void)gallery.not_this_sighting(old, kNow);
+  const std::int64_t grouped = see(gallery, "Ann", true, 5, 2000);
+  (void)gallery.not_this_sighting(grouped, kNow);
+  place(gallery, grouped, 1);
+  (void)gallery.not_this_person("Ann", {image(6, 1), 0.5, "{}"}, "camera", kNow);
+  ASSERT_THAT(gallery.negatives(), SizeIs(3));
+  const std::int64_t generation = gallery.generation();
+  EXPECT_EQ(gallery.forget_sightings_before(1000), 1);
+  EXPECT_THAT(gallery.negatives(), SizeIs(2));
+  EXPECT_NE(gallery.generation(), generation);
+  const auto report = gallery.forget_group(1, {});
+  ASSERT_TRUE(report);
+  EXPECT_TRUE(report->proven()) << report->unproven_records;
+  EXPECT_THAT(gallery.negatives(), SizeIs(1));
+  // The same for an enrolled face that a sighting gave.
+  const std::int64_t third = see(gallery, "", false, 5, 30);
+  place(gallery, third, 2);
+  (void)gallery.name_group(2, "Zoe", "", 20, kNow);
+  (void)gallery.not_this_face(gallery.last_face(), kNow);
+  ASSERT_THAT(gallery.negatives(), SizeIs(2));
+  EXPECT_EQ(gallery.forget_sightings_before(1000), 1);
+  EXPECT_THAT(gallery.negatives(), SizeIs(1));
+  // Undoing finds nothing to restore.
+  (void)gallery.undo(0, kNow);
+  EXPECT_THAT(who(gallery), ElementsAre("Ann:1", "Zoe:0"));
+}
+
+// A sighting that is of Ben, and was once rejected as Ann, is forgotten with Ben.
+TEST_F(CorrectionsTest, ForgettingRemovesNegativesOfOthers) {
+  Gallery gallery(path("p.db"));
+  (void)enroll(gallery, "Ann", 1, 1);
+  const std::int64_t seen = see(gallery, "Ann", true, 2, 2);
+  (void)gallery.not_this_sighting(seen, kNow);
+  place(gallery, seen, 1);
+  (void)gallery.name_group(1, "Ben", "", 20, kNow);
+  ASSERT_THAT(gallery.negatives(), SizeIs(1));
+  const auto report = gallery.forget("Ben", {});
+  ASSERT_TRUE(report);
+  EXPECT_TRUE(report->proven()) << report->unproven_records;
+  EXPECT_THAT(gallery.negatives(), IsEmpty());
 }
 
 // A correction that was reported as done survives a kill.

@@ -113,10 +113,15 @@ std::optional<SightingFace> Gallery::sighting_face(std::int64_t id) {
 
 std::int64_t Gallery::forget_sightings_before(std::int64_t time, std::int64_t max_count) {
   constexpr std::int64_t kMaxRemovedAtOnce = 500;
+  const auto negative_count = [&] {
+    Statement row(database_, "SELECT count(*) FROM negative");
+    return row.step() ? row.integer(0) : 0;
+  };
   std::int64_t removed = 0;
   while (removed < max_count) {
     const std::int64_t batch = std::min(kMaxRemovedAtOnce, max_count - removed);
     Transaction transaction(database_);
+    const std::int64_t negatives = negative_count();
     Statement remove(database_,
                      "DELETE FROM sighting WHERE id IN (SELECT id FROM sighting WHERE time < ? "
                      "ORDER BY time LIMIT ?)");
@@ -127,6 +132,7 @@ std::int64_t Gallery::forget_sightings_before(std::int64_t time, std::int64_t ma
     if (rows > 0) {
       drop_empty_groups();
       increment_group_changes();
+      if (negative_count() != negatives) increment_generation();
     }
     transaction.commit();
     if (rows < batch) break;

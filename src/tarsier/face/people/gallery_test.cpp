@@ -260,7 +260,7 @@ TEST_F(GalleryTest, KillLeavesAConsistentGallery) {
     close(ends[0]);
     Gallery gallery(path("p.db"));
     {
-      const DatabaseKind kind{"", 0x54504731, {"", "", ""}};
+      const DatabaseKind kind{"", 0x54504731, {"", "", "", ""}};
       Database database(path("p.db"), kind, DatabaseAccess::kRead);
       Statement check(database, "PRAGMA integrity_check");
       ASSERT_TRUE(check.step());
@@ -339,7 +339,7 @@ TEST_F(GalleryTest, RejectsAModelOfRemovedFaces) {
 // SQLite's query plan, since times depend on the machine.
 TEST_F(GalleryTest, QueriesUseTheirIndices) {
   { const Gallery gallery(path("p.db")); }
-  const DatabaseKind kind{"", 0x54504731, {"", "", ""}};
+  const DatabaseKind kind{"", 0x54504731, {"", "", "", ""}};
   Database database(path("p.db"), kind, DatabaseAccess::kRead);
   for (const char* query :
        {"SELECT id FROM face LEFT JOIN template ON template.face = face.id WHERE person = 1 "
@@ -417,6 +417,38 @@ INSERT INTO model VALUES(1, 7, x'78');
   EXPECT_FALSE(gallery.model());
 }
 
+// Version 3 did not store the sighting of a negative.
+TEST_F(GalleryTest, UpgradeFindsTheSightingsOfNegatives) {
+  {
+    Gallery gallery(path("p.db"));
+    gallery.enroll("Ann", "", stored_face(1));
+    for (int i = 2; i < 5; ++i) {
+      const SightingFace face{stored_face(i).crop, 0.5, "{}"};
+      (void)gallery.not_this_sighting(gallery.add_sighting(i, "camera", "Ann", true, 0.9, &face),
+                                      {9, "me"});
+    }
+    (void)gallery.not_this_person("Ann", {stored_face(7).crop, 0.7, "{}"}, "door", {6, "me"});
+  }
+  {
+    const DatabaseKind any{"", 0x54504731, {"", "", "", ""}};
+    Database old(path("p.db"), any, DatabaseAccess::kWrite);
+    old.run(
+        "DROP INDEX negative_by_sighting; ALTER TABLE negative DROP COLUMN overruled; ALTER TABLE "
+        "negative DROP COLUMN sighting; DELETE FROM sighting WHERE id = 1; DELETE FROM "
+        "correction_row WHERE correction = 3; PRAGMA user_version = 3");
+  }
+  Gallery gallery(path("p.db"));
+  // The first sighting was deleted before: its negative goes now.
+  ASSERT_THAT(gallery.negatives(), SizeIs(3));
+  EXPECT_EQ(gallery.forget_sightings_before(3), 0);
+  // The second is found by the log, the third by its face.
+  EXPECT_EQ(gallery.forget_sightings_before(4), 1);
+  EXPECT_THAT(gallery.negatives(), SizeIs(2));
+  EXPECT_EQ(gallery.forget_sightings_before(100), 1);
+  ASSERT_THAT(gallery.negatives(), SizeIs(1));
+  EXPECT_EQ(gallery.negatives()[0].source, "door");
+}
+
 TEST_F(GalleryTest, ForgetsSightingsBeforeATime) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", stored_face(1));
@@ -456,6 +488,29 @@ TEST_F(GalleryTest, ExportsEverything) {
                OutputError);
 }
 
+TEST_F(GalleryTest, ExportsSightingsNegativesAndLog) {
+  Gallery gallery(path("p.db"));
+  gallery.enroll("Ann", "", stored_face(1));
+  const SightingFace stranger{stored_face(2).crop, 0.5, "{}"};
+  (void)gallery.add_sighting(5, "camera", "Ann", false, 0.2, &stranger);
+  (void)gallery.not_this_person("Ann", {stored_face(3).crop, 0.7, "{}"}, "door", {6, "me"});
+  export_gallery(gallery, path("out"), [](std::int64_t t) { return std::to_string(t); }, {});
+  const auto json = nlohmann::json::parse(contents(path("out/people.json")));
+  // A stranger is filed under nobody, whomever the face resembles.
+  EXPECT_EQ(json["people"][0]["sightings"].size(), 0U);
+  ASSERT_EQ(json["unknown"].size(), 1U);
+  ASSERT_EQ(json["negatives"].size(), 1U);
+  EXPECT_EQ(json["negatives"][0]["not"], "Ann");
+  EXPECT_EQ(json["negatives"][0]["source"], "door");
+  EXPECT_EQ(
+      cv::norm(read_gray_image(path("out/" + json["negatives"][0]["file"].get<std::string>())),
+               stored_face(3).crop, cv::NORM_INF),
+      0);
+  ASSERT_EQ(json["log"].size(), 1U);
+  EXPECT_EQ(json["log"][0]["what"], "not");
+  EXPECT_EQ(json["log"][0]["from"], "Ann");
+}
+
 TEST_F(GalleryTest, ExportOmitsInvalidMeasures) {
   Gallery gallery(path("p.db"));
   StoredFace hostile = stored_face(1);
@@ -489,15 +544,15 @@ TEST_F(GalleryTest, RejectsInvalidFiles) {
   {
     const DatabaseKind other{"other", 7, {"CREATE TABLE a(b)"}};
     Database(path("other.db"), other, DatabaseAccess::kCreate);
-    const DatabaseKind newer{"newer", 0x54504731, {"CREATE TABLE a(b)", "", "", ""}};
+    const DatabaseKind newer{"newer", 0x54504731, {"CREATE TABLE a(b)", "", "", "", ""}};
     Database(path("newer.db"), newer, DatabaseAccess::kCreate);
   }
   EXPECT_THAT(message_of([&] { Gallery(path("other.db")); }),
               HasSubstr("not a Tarsier people gallery"));
-  EXPECT_THAT(message_of([&] { Gallery(path("newer.db")); }), HasSubstr("version 4"));
+  EXPECT_THAT(message_of([&] { Gallery(path("newer.db")); }), HasSubstr("version 5"));
   {
     Gallery holder(path("p.db"));
-    const DatabaseKind kind{"", 0x54504731, {"", "", ""}};
+    const DatabaseKind kind{"", 0x54504731, {"", "", "", ""}};
     Database locker(path("p.db"), kind, DatabaseAccess::kWrite, 0);
     const Transaction transaction(locker);
     Gallery waiting(path("p.db"), DatabaseAccess::kWrite, 50);

@@ -40,7 +40,7 @@ TEST_F(RetentionTest, DeletesInSmallBatches) {
   Gallery gallery(path("p.db"));
   gallery.enroll("Ann", "", plain_face());
   {
-    const DatabaseKind kind{"", 0x54504731, {"", "", ""}};
+    const DatabaseKind kind{"", 0x54504731, {"", "", "", ""}};
     Database database(path("p.db"), kind, DatabaseAccess::kWrite);
     database.run(
         "WITH RECURSIVE n(i) AS (SELECT 0 UNION ALL SELECT i + 1 FROM n WHERE i < 1199) INSERT "
