@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <limits>
 #include <map>
@@ -167,6 +168,9 @@ struct Box {
   std::map<int, Eigen::Vector2d> parts;
 };
 
+// Limits the memory that a few large names of parts could cause.
+constexpr std::int64_t kMaxBoxPoints = 20'000'000;
+
 class DlibReader {
  public:
   DlibReader(const std::string& path, const ImportOptions& options, std::string_view text)
@@ -245,6 +249,9 @@ class DlibReader {
       return;
     }
     const int count = box_.parts.empty() ? 0 : box_.parts.rbegin()->first + 1;
+    kept_points_ += count;
+    if (kept_points_ > kMaxBoxPoints)
+      throw InputError(path_, fmt::format("boxes of more than {} points in all", kMaxBoxPoints));
     Eigen::Matrix2Xd shape = Eigen::Matrix2Xd::Constant(2, count, kMissing);
     for (const auto& [point, at] : box_.parts) shape.col(point) = at;
     image_path.boxes.push_back(box_.rect);
@@ -269,8 +276,7 @@ class DlibReader {
           fmt::format("{}: {} points, the others {}", path_, count, set.points()));
       return;
     }
-    // Limits the memory that a single large index could cause.
-    if (static_cast<double>(count) * static_cast<double>(boxes_.size()) > 2e7)
+    if (count * static_cast<std::int64_t>(boxes_.size()) > kMaxBoxPoints)
       throw InputError(path_, fmt::format("{} boxes of {} points", boxes_.size(), count));
     for (const Box& box : boxes_) {
       LandmarkSample sample;
@@ -292,6 +298,7 @@ class DlibReader {
   Box box_;
   std::vector<Box> boxes_;
   std::vector<BoxedImage>* images_ = nullptr;  // set if all boxes are requested
+  std::int64_t kept_points_ = 0;
 };
 
 }  // namespace

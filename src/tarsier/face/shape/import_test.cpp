@@ -281,6 +281,20 @@ TEST_F(Import, DlibXml) {
                 (void)read_dlib_boxes(path("empty.xml"));
               }),
               HasSubstr("names no images"));
+  // One part of each box is the last of 10 000 points: 32 bytes of text, 160 kB of memory.
+  const auto large = [&](const auto& read) {
+    return refusal([&] {
+      std::string many = "<images><image file='a &amp; b.png'>";
+      for (int i = 0; i < 2001; ++i)
+        many += "<box top='1' left='1' width='5' height='5'><part name='9999' x='1' y='1'/></box>";
+      write("many.xml", many + "</image></images>");
+      read();
+    });
+  };
+  EXPECT_THAT(large([&] { (void)read_dlib_boxes(path("many.xml")); }),
+              HasSubstr("20000000 points"));
+  EXPECT_THAT(large([&] { (void)import_landmarks(path("many.xml")); }),
+              HasSubstr("2001 boxes of 10000 points"));
 
   const auto refused = [&](const std::string& text) {
     write("bad.xml", text);
