@@ -219,12 +219,12 @@ expect_status 1
 run people forget --yes
 expect_status 2
 run people group none.db
-expect_status 6
+expect_status 3
 run people group --false-merges 7
 expect_status 2
 noise 3000 >noise.db
 run people correct undo --gallery noise.db
-expect_status 6
+expect_status 3
 expect_error 'noise.db'
 
 # Strangers are forgotten too, with proof.

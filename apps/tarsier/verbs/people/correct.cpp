@@ -56,7 +56,7 @@ ExitStatus report_correction(Gallery& gallery, std::int64_t id, const Context& c
 }
 
 Gallery open(const CorrectFlags& flags) {
-  return Gallery(flags.people.gallery, DatabaseAccess::kWrite);
+  return face::open_gallery_to_write(flags.people.gallery);
 }
 
 ExitStatus correct_not(const CorrectFlags& flags, const Context& context) {

@@ -60,7 +60,7 @@ ExitStatus list_faces(face::people::Gallery& gallery, const GalleryFlags& flags,
 ExitStatus list_people(const GalleryFlags& flags, const Context& context) {
   if (!flags.keep.empty()) {
     const auto age = plate::parse_duration(flags.keep, "--keep");
-    face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+    face::people::Gallery gallery = face::open_gallery_to_write(flags.people.gallery);
     const std::int64_t deleted = gallery.forget_sightings_before(now_ms() - age.count());
     const std::int64_t remaining = gallery.sighting_count();
     if (context.json) {
@@ -259,7 +259,7 @@ ExitStatus forget_log_entries(face::people::Gallery& gallery, const GalleryFlags
 }
 
 ExitStatus forget_person(const GalleryFlags& flags, Context& context) {
-  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+  face::people::Gallery gallery = face::open_gallery_to_write(flags.people.gallery);
   if (flags.name.empty() == (flags.group == 0))
     throw UsageError("give NAME, or --group of unknown faces");
   if (flags.group > 0) return forget_group(gallery, flags, context);

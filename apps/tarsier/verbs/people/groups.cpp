@@ -40,7 +40,7 @@ face::recognition::Background directions_of(face::people::Gallery& gallery,
 }
 
 ExitStatus group_faces(const GroupFlags& flags, Context& context) {
-  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+  face::people::Gallery gallery = face::open_gallery_to_write(flags.people.gallery);
   const auto background = directions_of(gallery, flags.people);
   const auto report = face::people::group_sightings(gallery, background, flags.grouping,
                                                     *context.progress, context.stop);
@@ -157,7 +157,7 @@ struct NameFlags {
 ExitStatus name_group(const NameFlags& flags, Context& context) {
   // A wrong path is reported before anything is written.
   if (!flags.people.background.empty()) static_cast<void>(find_background(flags.people));
-  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+  face::people::Gallery gallery = face::open_gallery_to_write(flags.people.gallery);
   const std::int64_t id =
       gallery.name_group(flags.group, flags.name, flags.note, flags.max_faces, correction_stamp());
   const auto person = gallery.find(flags.name);

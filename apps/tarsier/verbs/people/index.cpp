@@ -63,7 +63,7 @@ ExitStatus index_gallery(const IndexFlags& flags, Context& context) {
   }
   // A wrong path is always reported.
   if (!flags.people.background.empty()) static_cast<void>(find_background(flags.people));
-  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+  face::people::Gallery gallery = face::open_gallery_to_write(flags.people.gallery);
   face::resolve_template_kind(gallery, template_kind(flags.people), ModelStore::find(), false,
                               own_network(flags.people));
   const std::int64_t faces = gallery.face_count_up_to(flags.min_faces);

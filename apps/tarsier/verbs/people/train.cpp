@@ -157,7 +157,7 @@ ExitStatus train_list(const PeopleTrainFlags& flags, Context& context) {
 }
 
 ExitStatus train_gallery(const PeopleTrainFlags& flags, Context& context) {
-  face::people::Gallery gallery(flags.people.gallery, DatabaseAccess::kWrite);
+  face::people::Gallery gallery = face::open_gallery_to_write(flags.people.gallery);
   if (!flags.algorithm.empty()) {
     gallery.set_algorithm(face::recognition::name_of(algorithm_of(flags.algorithm)));
   } else if (uses_deep_templates(flags)) {

@@ -75,6 +75,12 @@ void GalleryFollower::replace(std::optional<GalleryModel> model) {
   if (search_mode_ == SearchMode::kIndexed) tried_index_ = gallery_.index_record();
 }
 
+void GalleryFollower::use_background(const Background* background) {
+  background_ = background;
+  generation_ = -1;
+  tried_index_.clear();
+}
+
 GalleryFollower::Change GalleryFollower::update() {
   const std::int64_t generation = gallery_.generation();
   if (generation == generation_) return Change::kNone;

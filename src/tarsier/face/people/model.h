@@ -149,6 +149,9 @@ class GalleryFollower {
   Change update();
   // Replaces the model by one that was trained meanwhile; call update() afterwards.
   void replace(std::optional<GalleryModel> model);
+  // Changes the background, for example when the gallery has become large; call update()
+  // afterwards. The earlier one must outlive the object, too.
+  void use_background(const recognition::Background* background);
   [[nodiscard]] const recognition::Recognizer* recognizer() const {
     return model_ ? &model_->recognizer : nullptr;
   }

@@ -16,6 +16,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <functional>
+#include <list>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <stdexcept>
@@ -203,6 +205,22 @@ people::Gallery open_gallery(const std::string& path) {
   }
 }
 
+people::Gallery open_gallery_to_write(const std::string& path) {
+  try {
+    return people::Gallery(path, DatabaseAccess::kWrite);
+  } catch (const DatabaseLockedError&) {
+    throw;
+  } catch (const OutputError& error) {
+    // If reading fails for the same reason, the input is wrong: a missing file, another format.
+    try {
+      static_cast<void>(people::Gallery(path, DatabaseAccess::kRead));
+    } catch (const InputError& wrong) {
+      if (std::string_view(wrong.what()) == error.what()) throw;
+    }
+    throw;
+  }
+}
+
 std::optional<people::GalleryModel> train_gallery(people::Gallery& gallery,
                                                   const recognition::Background* background,
                                                   people::TrainingPolicy policy, Progress& progress,
@@ -295,10 +313,42 @@ nlohmann::ordered_json to_json(const IdentifierResult& result) {
 // These members refer to each other, so the object must not move.
 struct IdentifierState::OpenGallery {
   explicit OpenGallery(people::Gallery opened) : gallery(std::move(opened)) {}
+  void update_background();
+
   people::Gallery gallery;
-  std::optional<recognition::Background> background;
+  // The last one is used. An index or enroller may still refer to an earlier one.
+  std::list<recognition::Background> backgrounds;
   std::optional<people::GalleryFollower> follower;
+  // Of the gallery as it is now; null: the background was loaded for everything to come.
+  std::function<std::optional<recognition::Background>()> load_background;
+  std::int64_t generation = -1;                     // when update_background() looked
+  std::optional<std::pair<bool, bool>> loaded_for;  // deep, large
 };
+
+// Loads the background that the gallery needs since another program enrolled people: the first ones
+// with deep templates, or more than a small gallery has.
+void IdentifierState::OpenGallery::update_background() {
+  if (!load_background) return;
+  const std::int64_t now = gallery.generation();
+  if (now == generation) return;
+  generation = now;
+  const std::int64_t faces = gallery.face_count_up_to(people::kMaxSmallGalleryFaces + 1);
+  const bool deep = has_deep_templates(gallery);
+  const bool large = faces > people::kMaxSmallGalleryFaces;
+  if (faces == 0 || (!deep && !large)) return;
+  const recognition::Background* current = follower->background();
+  if (current != nullptr && (current->network != nullptr) == deep) return;
+  const std::pair<bool, bool> kind(deep, large);
+  if (std::exchange(loaded_for, kind) == kind) return;
+  try {
+    if (auto background = load_background()) {
+      backgrounds.push_back(std::move(*background));
+      follower->use_background(&backgrounds.back());
+    }
+  } catch (const Error& error) {
+    log_warning("{}: new people are not identified: {}", gallery.path(), error.what());
+  }
+}
 
 IdentifierState::IdentifierState(people::FaceReader reader,
                                  std::shared_ptr<const recognition::Recognizer> model)
@@ -336,6 +386,7 @@ const recognition::Background* IdentifierState::background() const {
 
 bool IdentifierState::update() {
   if (follower_ == nullptr) return false;
+  if (gallery_) gallery_->update_background();
   const people::GalleryFollower::Change change = follower_->update();
   // Pooled templates may be of another space. And a correction holds from this frame on.
   if (change != people::GalleryFollower::Change::kNone) pool_.clear();
@@ -389,12 +440,21 @@ IdentifierState Identifier::open(Progress& progress, const std::stop_token& stop
   else
     resolve_template_kind(opened->gallery, options_.templates, models_, options_.enroll,
                           options_.network);
-  opened->background = options_.enroll && has_deep_templates(opened->gallery)
-                           ? load_deep_background(models_, options_.background, options_.network)
-                       : options_.enroll ? load_background(models_, options_.background)
-                                         : background_for(opened->gallery, models_,
-                                                          options_.background, options_.network);
-  const recognition::Background* background = opened->background ? &*opened->background : nullptr;
+  std::optional<recognition::Background> loaded =
+      options_.enroll && has_deep_templates(opened->gallery)
+          ? load_deep_background(models_, options_.background, options_.network)
+      : options_.enroll
+          ? load_background(models_, options_.background)
+          : background_for(opened->gallery, models_, options_.background, options_.network);
+  if (loaded) opened->backgrounds.push_back(std::move(*loaded));
+  const recognition::Background* background =
+      opened->backgrounds.empty() ? nullptr : &opened->backgrounds.back();
+  if (!options_.enroll) {
+    opened->load_background = [&gallery = opened->gallery, models = models_,
+                               which = options_.background, network = options_.network] {
+      return background_for(gallery, models, which, network);
+    };
+  }
   std::optional<people::GalleryModel> model;
   try {
     model = train_gallery(opened->gallery, background, people::TrainingPolicy::kIfNeeded, progress,

@@ -96,6 +96,9 @@ void use_deep_templates(people::Gallery& gallery, const SharedNetwork& own);
     const SharedNetwork& own = nullptr);
 // Opens the gallery for writing if possible, else read-only. Throws InputError.
 [[nodiscard]] people::Gallery open_gallery(const std::string& path);
+// Opens the gallery for writing. Throws InputError if there is no gallery, OutputError if it cannot
+// be written.
+[[nodiscard]] people::Gallery open_gallery_to_write(const std::string& path);
 // The model of a gallery; pending learning is done. A read-only gallery is used as it is. Returns
 // nothing for an empty gallery. `background` may be null. Throws InputError if its recogniser
 // cannot be trained on this gallery, Interrupted.

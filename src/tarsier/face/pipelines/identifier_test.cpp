@@ -2,8 +2,11 @@
 #include "tarsier/face/pipelines/identifier.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/rng.h"
 #include "tarsier/face/pipelines/template_error.h"
 #include "tarsier/face/pipelines/testing_messi.h"
+#include "tarsier/face/recognition/background.h"
+#include "tarsier/face/recognition/background_space.h"
 #include "tarsier/face/recognition/deep.h"
 #include "tarsier/face/recognition/testing_faces.h"
 #include "tarsier/media/image_file.h"
@@ -212,6 +215,36 @@ TEST_F(IdentifierTest, CreatesAGalleryForEnrolment) {
   options.enroll = false;
   options.algorithm.reset();
   EXPECT_THROW(static_cast<void>(Identifier::load(models(), options).open()), InputError);
+}
+
+// It began while nobody was enrolled, so without a background. A large gallery needs one.
+TEST_F(IdentifierTest, FollowsAGalleryThatBecomesLarge) {
+  IdentifierOptions options;
+  options.gallery = path("growing.db");
+  people::Gallery other(options.gallery);
+  const Identifier identifier = Identifier::load(models(), options);
+  IdentifierState state = identifier.open();
+  EXPECT_EQ(state.background(), nullptr);
+  const auto background = load_background(models(), "");
+  ASSERT_TRUE(background);
+  Rng rng(7);
+  std::vector<people::NewFace> faces;
+  for (int i = 0; i <= people::kMaxSmallGalleryFaces; ++i) {
+    people::NewFace face{i % 2 == 0 ? "Ann" : "Ben", "", stored(set_.faces[0])};
+    face.face.space = -recognition::fingerprint(*background);
+    for (int k = 0; k < recognition::coordinate_count(*background); ++k)
+      face.face.features.push_back(
+          static_cast<float>((i % 2 == 0 && k < 9 ? 1 : 0) + 0.1 * rng.normal()));
+    faces.push_back(std::move(face));
+  }
+  other.enroll(faces);
+  NoProgress quiet;
+  (void)train_gallery(other, &*background, people::TrainingPolicy::kIfNeeded, quiet, {});
+  EXPECT_TRUE(state.update());
+  ASSERT_NE(state.background(), nullptr);
+  ASSERT_NE(state.recognizer(), nullptr);
+  EXPECT_EQ(state.recognizer()->templates.rows(), people::kMaxSmallGalleryFaces + 1);
+  EXPECT_TRUE(state.is_enrolled("Ben"));
 }
 
 // The library does not know the commands of the program; its message states the problem only.
