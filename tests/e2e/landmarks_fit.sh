@@ -111,6 +111,20 @@ END
 run landmarks eval set.yaml --eyes 0,2 --results r.jsonl --json
 expect_status 0
 expect_out '"nme_mean":10' '"failures":1' '"bias_x":10'
+# A sample whose two eyes coincide cannot be normalised: it is left out, and the others count.
+run landmarks eval set.yaml --eyes 0,2 --results r.jsonl --json
+samples=$(sed -n 's/.*"faces":\([0-9]*\).*/\1/p' stdout.txt)
+python3 - <<'END'
+import json
+whole = json.load(open("set.yaml"))
+points = whole["payload"]["samples"][0]["points"]
+points[2] = points[0]
+json.dump(whole, open("flat.yaml", "w"))
+END
+run landmarks eval flat.yaml --eyes 0,2 --results r.jsonl --json
+expect_status 0
+expect_out "\"faces\":$((samples - 1)),"
+grep -q 'its two eyes lie in one place; left out' stderr.txt || fail "no warning: $(cat stderr.txt)"
 
 # Rolled faces: looked for where no face is found upright, in any case, or not at all; an upright face is found the same.
 run pose synth -o rolled --count 10 --roll 60 --yaw 10 --pitch 5 --size 320x240 --near 450 --far 500 --seed 3 --quiet

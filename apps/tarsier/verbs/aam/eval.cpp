@@ -126,6 +126,10 @@ ExitStatus run_aam_eval(AamEvalFlags& flags, Context& context) {
   for (const face::shape::LandmarkSample& sample : set.samples) {
     throw_if_stopped(context.stop);
     context.progress->advance();
+    if (!face::landmarks::has_eye_distance(sample.points, eyes)) {
+      log_warning("{}: its two eyes lie in one place; left out", sample.image);
+      continue;
+    }
     cv::Mat image;
     try {
       image = read_image(sample.image);

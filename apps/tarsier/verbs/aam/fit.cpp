@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
 
 #include <fmt/format.h>
 
@@ -98,7 +99,7 @@ ExitStatus run_aam_fit(AamFitFlags& flags, Context& context) {
   hooks.after_frame = [&](const Frame& frame) {
     found = found || !session.objects().empty();
     if (!frame.still || context.json || context.quiet) return;
-    std::string line = fmt::format("{}: {} {}", frame.name, session.objects().size(),
+    std::string line = fmt::format("{}: {} {}", printable(frame.name), session.objects().size(),
                                    session.objects().size() == 1 ? "face" : "faces");
     for (const face::appearance::TrackedObject& object : session.objects()) {
       line += fmt::format(" [error {:.3f}, {} iterations, {}]", object.fit.error,

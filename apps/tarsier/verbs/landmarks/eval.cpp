@@ -187,6 +187,10 @@ ExitStatus run_landmark_eval(LandmarkEvalFlags& flags, Context& context) {
   for (const face::shape::LandmarkSample& sample : set.samples) {
     throw_if_stopped(context.stop);
     context.progress->advance();
+    if (!face::landmarks::has_eye_distance(sample.points, eyes)) {
+      log_warning("{}: its two eyes lie in one place; left out", sample.image);
+      continue;
+    }
     const auto index = static_cast<std::size_t>(&sample - set.samples.data());
     std::vector<bool> hidden(static_cast<std::size_t>(set.points()), false);
     std::optional<face::regression::Visibility> seen_visibility;

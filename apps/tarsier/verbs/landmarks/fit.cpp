@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "tarsier/core/errors.h"
+#include "tarsier/core/log.h"
 
 #include <fmt/format.h>
 
@@ -64,7 +65,7 @@ ExitStatus run_landmark_fit(LandmarkFitFlags& flags, Context& context) {
   hooks.after_frame = [&](const Frame& frame) {
     found = found || !session.result().faces.empty();
     if (frame.still && !context.json && !context.quiet) {
-      print_text(fmt::format("{}: {} {}", frame.name, session.result().faces.size(),
+      print_text(fmt::format("{}: {} {}", printable(frame.name), session.result().faces.size(),
                              session.result().faces.size() == 1 ? "face" : "faces"));
       for (const face::landmarks::TrackedFace& face : session.result().faces) {
         print_text(fmt::format(" [{:.0f},{:.0f} {:.0f}x{:.0f} {:.2f}]", face.box.x, face.box.y,

@@ -124,7 +124,7 @@ ExitStatus run_track(TrackFlags& flags, Context& context) {
   hooks.after_frame = [&](const Frame& frame) {
     for (const face::PosedFace& face : session.faces()) found = found || face.pose.has_value();
     if (frame.still && !context.json && !context.quiet) {
-      print_text(fmt::format("{}: {} {}", frame.name, session.faces().size(),
+      print_text(fmt::format("{}: {} {}", printable(frame.name), session.faces().size(),
                              session.faces().size() == 1 ? "face" : "faces"));
       for (const face::PosedFace& face : session.faces()) print_text(line_of(face));
       print_text("\n");

@@ -38,8 +38,10 @@ HeadModel model_of(const HeadTrainer& trainer) {
   model.modes.resize(3 * trainer.n, 0);
   if (trainer.m > 0) {
     const linalg::LeftSvd svd = linalg::left_svd(trainer.modes);
-    model.modes = svd.u;
-    model.deviation = svd.values;
+    // Few or similar faces have fewer modes: the others are rounding errors, which are not symmetric.
+    const Index kept = (svd.values.array() > 1e-9 * svd.values[0]).count();
+    model.modes = svd.u.leftCols(kept);
+    model.deviation = svd.values.head(kept);
   }
   model.mirror = trainer.markup.mirror;
   model.outer_eyes = trainer.markup.outer_eyes;

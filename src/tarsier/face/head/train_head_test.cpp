@@ -154,6 +154,18 @@ TEST(TrainHead, ToleratesOutliers) {
       2.5);
 }
 
+// Few faces cannot have more modes than they differ in.
+TEST(TrainHead, DropsModesThatFewFacesDoNotHave) {
+  const HeadModel truth = testing_head(3);
+  const Images images = image(truth, 12, 0.5, 9);
+  TrainHeadOptions options;
+  options.iterations = 20;
+  const TrainedHead trained = train_head(images.faces, markup_of(truth), options);
+  EXPECT_GT(trained.model.mode_count(), 0);
+  EXPECT_LT(trained.model.mode_count(), options.modes);
+  EXPECT_GT(trained.model.deviation.minCoeff(), 0);
+}
+
 TEST(TrainHead, RejectsTooFewOrUninformativeFaces) {
   const HeadModel truth = testing_head(0);
   const shape::Markup markup = markup_of(truth);

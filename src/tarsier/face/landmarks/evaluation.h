@@ -36,6 +36,8 @@ struct LandmarkScore {
   double dy = 0;
 };
 
+// Whether the errors of a sample can be normalised: its two eyes do not coincide.
+[[nodiscard]] bool has_eye_distance(const Eigen::Matrix2Xd& truth, const std::array<int, 2>& eyes);
 // Compares fitted points (empty: no face found) with the ground truth (2 x n each, px). Throws
 // std::invalid_argument for different sizes or coinciding eyes.
 [[nodiscard]] FitOutcome evaluate_fit(const std::optional<Eigen::Matrix2Xd>& fitted,

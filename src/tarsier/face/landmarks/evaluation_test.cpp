@@ -33,6 +33,14 @@ TEST(EvaluateFit, DistinguishesWrongFromMissedFace) {
   EXPECT_TRUE(evaluate_fit(std::nullopt, square(), kEyes).missed);
 }
 
+TEST(EvaluateFit, NeedsEyesApart) {
+  Eigen::Matrix2Xd truth = square();
+  EXPECT_TRUE(has_eye_distance(truth, kEyes));
+  truth.col(1) = truth.col(0);
+  EXPECT_FALSE(has_eye_distance(truth, kEyes));
+  EXPECT_THROW((void)evaluate_fit(square(), truth, kEyes), std::invalid_argument);
+}
+
 TEST(EvaluateFit, RefusesOtherNumbersOfPoints) {
   EXPECT_THROW((void)evaluate_fit(Eigen::Matrix2Xd(square().leftCols(3)), square(), kEyes),
                std::invalid_argument);

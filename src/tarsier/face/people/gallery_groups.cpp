@@ -108,7 +108,8 @@ std::optional<SightingFace> Gallery::sighting_face(std::int64_t id) {
   Statement row(database_, "SELECT crop, quality, measures FROM seen_face WHERE sighting = ?");
   row.bind(1, id);
   if (!row.step()) return std::nullopt;
-  return SightingFace{crop_of(row.bytes(0), path(), id), row.real(1), row.text(2)};
+  return SightingFace{crop_of(row.bytes(0), path(), id), quality_of(row.real(1), path(), id),
+                      row.text(2)};
 }
 
 std::int64_t Gallery::forget_sightings_before(std::int64_t time, std::int64_t max_count) {
@@ -219,7 +220,8 @@ void Gallery::each_grouped(const std::function<void(std::int64_t, std::int64_t, 
   Statement rows(database_,
                  "SELECT sighting, grouped, quality FROM seen_face WHERE grouped IS NOT NULL ORDER "
                  "BY sighting");
-  while (rows.step()) take(rows.integer(0), rows.integer(1), rows.real(2));
+  while (rows.step())
+    take(rows.integer(0), rows.integer(1), quality_of(rows.real(2), path(), rows.integer(0)));
 }
 
 std::vector<std::pair<std::int64_t, std::int64_t>> Gallery::cannot_link_pairs() {

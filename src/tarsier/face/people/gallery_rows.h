@@ -50,6 +50,12 @@ void run_statement(Database& database, std::string_view statement, Numbers... nu
   return numbers;
 }
 
+[[nodiscard]] inline double quality_of(double stored, const std::string& path, std::int64_t id) {
+  if (!std::isfinite(stored))
+    throw InputError(path, fmt::format("face {}: its quality is damaged", id));
+  return stored;
+}
+
 [[nodiscard]] inline cv::Mat crop_of(const std::vector<std::uint8_t>& png, const std::string& path,
                                      std::int64_t id) {
   ImageLimits limits;

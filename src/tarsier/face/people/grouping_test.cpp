@@ -2,6 +2,7 @@
 #include "tarsier/face/people/grouping.h"
 
 #include "tarsier/face/people/group_merging.h"
+#include "tarsier/face/people/testing_gallery.h"
 #include "tarsier/face/recognition/background.h"
 #include "tarsier/face/recognition/testing_faces.h"
 #include "tarsier/media/testing_folder.h"
@@ -140,6 +141,18 @@ TEST_F(GroupingTest, GroupingRejectsTheStateBeforeAnotherGrouping) {
   const std::int64_t grouped = gallery.group_generation();
   EXPECT_GT(gallery.forget_sightings_before(1000), 0);
   EXPECT_FALSE(gallery.store_assignments({}, 9, grouped));
+}
+
+TEST_F(GroupingTest, DamagedQualityNamesTheGallery) {
+  Gallery gallery(path("p.db"));
+  see(gallery, 1, 0, 2);
+  {
+    const DatabaseKind any{"", 0x54504731, {"", "", "", ""}};
+    Database damaged(path("p.db"), any, DatabaseAccess::kWrite);
+    damaged.run("UPDATE seen_face SET quality = 9e999 WHERE sighting = 2");
+  }
+  EXPECT_THAT(message_of([&] { (void)group(gallery); }),
+              testing::HasSubstr("p.db: face 2: its quality is damaged"));
 }
 
 TEST_F(GroupingTest, KeepsGroupIdsAfterRemovals) {

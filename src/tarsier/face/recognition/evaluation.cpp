@@ -28,6 +28,9 @@ namespace tarsier::face::recognition {
 namespace {
 
 constexpr std::int64_t kMaxListBytes = 1'000'000'000;
+// px; crop_face() needs these.
+constexpr double kMaxEyePosition = 1e6;
+constexpr double kMinEyeDistance = 1;
 
 // 0..n-1 in random order. The draws are those of numpy.random.RandomState(seed).permutation(n), so
 // that a split can be reproduced outside.
@@ -180,7 +183,10 @@ std::vector<LabelledFace> read_face_list(const std::string& path) {
         const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), eyes[i]);
         if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(eyes[i]))
           throw wrong("'" + text + "' is not a number");
+        if (std::abs(eyes[i]) >= kMaxEyePosition) throw wrong("an eye at " + text + " px");
       }
+      if (std::hypot(eyes[2] - eyes[0], eyes[3] - eyes[1]) < kMinEyeDistance)
+        throw wrong("eyes less than 1 px apart");
       face.left_eye = {eyes[0], eyes[1]};
       face.right_eye = {eyes[2], eyes[3]};
     }

@@ -345,6 +345,8 @@ TEST_F(FaceList, ErrorNamesTheLine) {
   EXPECT_THAT(refusal("a\tb\t1\t2\t3\n"), HasSubstr("line 1"));
   EXPECT_THAT(refusal("a\tb\t1\t2\t3\tx\n"), HasSubstr("'x' is not a number"));
   EXPECT_THAT(refusal("a\tb\t1\t2\t3\tnan\n"), HasSubstr("'nan'"));
+  EXPECT_THAT(refusal("a\tb\t1\t2\t1e9\t2\n"), HasSubstr("an eye at 1e9 px"));
+  EXPECT_THAT(refusal("a\tb\t1\t2\t1.2\t2\n"), HasSubstr("line 1: eyes less than 1 px apart"));
   EXPECT_THAT(refusal(""), HasSubstr("no faces"));
   EXPECT_THROW((void)read_face_list(path("absent")), InputError);
   EXPECT_THROW((void)read_face_list(folder_), InputError);
