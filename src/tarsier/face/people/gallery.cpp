@@ -510,8 +510,12 @@ std::optional<ForgetReport> Gallery::forget_matching(ForgetScope what, std::int6
       if (report.model_removed) drop_model();
     }
     remove("DELETE FROM sighting WHERE " + seen);  // and their faces
-    // Unknown people whom this person resembles stay.
-    if (what == ForgetScope::kPerson) remove("UPDATE sighting SET person = NULL WHERE person = ?");
+    if (what == ForgetScope::kPerson) {
+      // Unknown people whom this person resembles stay.
+      remove("UPDATE sighting SET person = NULL WHERE person = ?");
+      // The same face may have been rejected as somebody else's.
+      remove("DELETE FROM negative WHERE crop IN (SELECT crop FROM face WHERE person = ?)");
+    }
     if (!group) {
       for (const char* statement :
            {"DELETE FROM template WHERE face IN (SELECT id FROM face WHERE person {}) ",

@@ -485,6 +485,11 @@ TEST_F(CorrectionsTest, ForgettingRemovesNegativesOfOthers) {
   ASSERT_TRUE(report);
   EXPECT_TRUE(report->proven()) << report->unproven_records;
   EXPECT_THAT(gallery.negatives(), IsEmpty());
+  // The same for a face that was enrolled under the wrong name first.
+  (void)gallery.not_this_face(enroll(gallery, "Ann", 2, 4), kNow);
+  (void)enroll(gallery, "Ben", 2, 4);
+  EXPECT_TRUE(gallery.forget("Ben", {})->proven());
+  EXPECT_THAT(gallery.negatives(), IsEmpty());
 }
 
 // A correction that was reported as done survives a kill.
