@@ -428,6 +428,19 @@ class AreaMaking(AreaPageTest):
         self.assertIn(b"fx:", camera)
         self.path("calibrate-kept")
 
+        # A camera that cannot be written is not said to be saved, and the session stays with its error.
+        os.mkdir(os.path.join(self.server.workspace, "taken.yaml"))
+        self.page.fill("textbox", "Name of the camera file", "taken")
+        self.page.click("button", "Try with synthetic data")
+        self.until("a second camera is calibrated", lambda: self.values("calibrate").get("calibrated"))
+        self.page.click("button", "Finish and save the camera")
+        self.page.wait_text("Ended:")
+        self.page.wait_text("Not saved:")
+        self.assertNotIn("is saved as", self.page.text("main"))
+        self.page.click("button", "Close")
+        self.page.find("button", "Try with synthetic data")
+        self.assertNotIn("is saved as", self.page.text("main"))
+
     @long
     def test_calibrate_from_images(self):
         self.go("/calibrate")

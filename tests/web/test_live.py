@@ -47,7 +47,7 @@ def test_images_states_and_events():
         live.wait_for(STATE, lambda text: json.loads(text)["sliders"]["evil-threshold"] == 30)
         for bad in ([{"close": True}], [{"want": 1}], [{"quality": 1}], [{"mouse": "move"}], [{"key": "s"}], [{"key": 1e99}],
                     [1], {"key": 1}, [{"slider": "a"}], [{"mouse": "jump", "x": 1, "y": 1}], [{"action": 5}], [{}],
-                    [{"key": 115}] * 65, [{"action": "x" * 200}], [{"key": 115, "shift": 1}]):
+                    [{"key": 115}] * 65, [{"action": "x" * 200}], [{"action": "save"}], [{"key": 115, "shift": 1}]):
             expect(studio.post(f"/api/sessions/{session['id']}/events", bad), 400, bad)
         expect(studio.post("/api/sessions/nothing/events", []), 404, "no session")
         reply = studio.get(f"/api/sessions/{session['id']}").json()

@@ -246,20 +246,23 @@ nlohmann::json PeopleSession::state() const {
          {"group",
           i < groups_.size() && groups_[i] > 0 ? nlohmann::json(groups_[i]) : nlohmann::json()}});
   }
-  return {{"mode", name_of(mode_)},
-          {"people", std::move(people)},
-          {"collecting", collecting_ >= 0
-                             ? nlohmann::json(people_[static_cast<std::size_t>(collecting_)].name)
-                             : nlohmann::json()},
-          {"recognized", std::move(recognized)},
-          {"unknown", {{"groups", group_count_}, {"waiting", ungrouped_count_}}},
-          {"panel", panel_.state()},
-          {"asking", is_confirming_},
-          {"debug", debug_},
-          {"flash", flash_ > 0},
-          {"message", message_},
-          {"prompt", prompt()},
-          {"paused", controls_.paused()}};
+  nlohmann::json state{
+      {"mode", name_of(mode_)},
+      {"people", std::move(people)},
+      {"collecting", collecting_ >= 0
+                         ? nlohmann::json(people_[static_cast<std::size_t>(collecting_)].name)
+                         : nlohmann::json()},
+      {"recognized", std::move(recognized)},
+      {"unknown", {{"groups", group_count_}, {"waiting", ungrouped_count_}}},
+      {"panel", panel_.state()},
+      {"asking", is_confirming_},
+      {"debug", debug_},
+      {"flash", flash_ > 0},
+      {"message", message_},
+      {"prompt", prompt()},
+      {"paused", controls_.paused()}};
+  if (!forgotten_.empty()) state["forgotten"] = forgotten_;
+  return state;
 }
 
 View PeopleSession::view(bool fresh) {

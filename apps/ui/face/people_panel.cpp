@@ -84,6 +84,8 @@ std::vector<std::int64_t> PeoplePanel::take_corrections() {
 
 bool PeoplePanel::take_changed() { return std::exchange(changed_, false); }
 
+std::vector<std::string> PeoplePanel::take_forgotten() { return std::exchange(forgotten_, {}); }
+
 bool PeoplePanel::shows_faces() const {
   return list_ == List::kFacesOfGroup || list_ == List::kFacesOfPerson;
 }
@@ -463,6 +465,7 @@ void PeoplePanel::forget() {
     const auto report = list_ == List::kGroups ? gallery_.forget_group(gone.id, {})
                                                : gallery_.forget(gone.name, {});
     changed_ = true;
+    if (report && !gone.name.empty()) forgotten_.push_back(gone.name);
     message_ = !report ? gone.title + " was already deleted"
                : report->proven()
                    ? fmt::format(

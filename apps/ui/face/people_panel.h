@@ -72,6 +72,8 @@ class PeoplePanel {
   [[nodiscard]] std::vector<std::int64_t> take_corrections();
   // Whether people, groups or faces changed since the last call.
   [[nodiscard]] bool take_changed();
+  // Names of the people who were forgotten since the last call.
+  [[nodiscard]] std::vector<std::string> take_forgotten();
 
  private:
   struct Row {
@@ -132,6 +134,7 @@ class PeoplePanel {
   std::string message_;
   std::vector<std::int64_t> corrections_;
   bool changed_ = false;
+  std::vector<std::string> forgotten_;
   std::vector<Cell> cells_;
   std::map<std::int64_t, std::vector<std::int64_t>> best_;
   std::map<std::int64_t, cv::Mat> thumbnails_;

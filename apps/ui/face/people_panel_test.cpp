@@ -222,6 +222,8 @@ TEST_F(PeoplePanelTest, ForgetAsksForConfirmation) {
   panel_->act("forget");
   panel_->act("confirm");
   EXPECT_THAT(gallery_->people(), IsEmpty());
+  EXPECT_THAT(panel_->take_forgotten(), SizeIs(1));
+  EXPECT_THAT(panel_->take_forgotten(), IsEmpty());
 }
 
 TEST_F(PeoplePanelTest, ReportsEntriesDeletedMeanwhile) {

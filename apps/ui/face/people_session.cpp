@@ -323,7 +323,11 @@ void PeopleSession::delete_all() {
   training_.reset();
   grouping_.reset();
   panel_.close();
+  const std::vector<face::people::Person> people = gallery_.people();
   const auto report = gallery_.forget_all({});
+  if (report) {
+    for (const face::people::Person& person : people) forgotten_.push_back(person.name);
+  }
   pending_.clear();
   collecting_ = -1;
   identity_.replace(std::nullopt);

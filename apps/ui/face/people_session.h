@@ -63,7 +63,7 @@ struct PeopleSessionOptions {
 // it is similar enough to join. State: {"mode", "people": [{"name", "faces"}], "collecting": name
 // or null, "recognized": [{"label", "known", "confidence", "group": number or null}], "unknown":
 // {"groups", "waiting"}, "panel": PeoplePanel::state(), "asking", "debug", "flash", "message",
-// "prompt", "paused"}.
+// "prompt", "paused"}, and "forgotten": the names of all people whom this session deleted, if any.
 class PeopleSession final : public Session {
  public:
   // `state` belongs to a gallery: the result of Identifier::open() with `enroll`. `debug` may be
@@ -155,6 +155,7 @@ class PeopleSession final : public Session {
   int collecting_ = -1;  // index into people_
   std::string pending_;  // name of a person without a face; then the last of people_
   std::string message_;
+  std::vector<std::string> forgotten_;  // names of people whom this session deleted
   std::string source_;
   std::string source_name_;
   std::string collected_from_;  // source_of() of the latest frame

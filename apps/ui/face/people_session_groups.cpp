@@ -117,6 +117,7 @@ bool PeopleSession::act_in_panel(const std::function<bool()>& work) {
   if (std::string panel_message = panel_.take_message(); !panel_message.empty())
     message_ = printable(panel_message);
   for (const std::int64_t id : panel_.take_corrections()) corrections_.push_back(id);
+  for (std::string& name : panel_.take_forgotten()) forgotten_.push_back(std::move(name));
   if (panel_.take_changed()) on_correction();
   return done;
 }

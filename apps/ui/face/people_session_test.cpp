@@ -159,6 +159,7 @@ TEST_F(PeopleSessionTest, DeleteAllAsksForConfirmation) {
   view = session.on_event(click(session.button_box("confirm")));
   EXPECT_EQ(gallery.people().size(), 0U);
   EXPECT_EQ(view.state["people"].size(), 0U);
+  EXPECT_EQ(view.state["forgotten"], nlohmann::json({"Ann", "Ben"}));
   EXPECT_THAT(view.state["message"].get<std::string>(), HasSubstr("no copy is left"));
 }
 

@@ -8,7 +8,6 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cerrno>
 #include <condition_variable>
 #include <csignal>
@@ -157,11 +156,10 @@ struct ChildProcess::Impl {
 
   mutable std::mutex mutex;  // protects the following members
   std::condition_variable changed;
-  pid_t child = -1;  // until it was reaped
+  pid_t child = -1;  // until it was reaped; set by the own thread alone
   std::optional<Clock::time_point> kill_at;
   std::optional<ChildEnd> end;  // after on_end
 
-  std::atomic<pid_t> pid = -1;  // never reset
   FileDescriptor wake;
   std::promise<std::string> started;  // the reason of a failed start, or empty
   std::thread thread;
@@ -261,13 +259,12 @@ struct ChildProcess::Impl {
     }
     const std::lock_guard lock(mutex);
     child = process;
-    pid = process;
     return {};
   }
 
   // Reads both streams until the process has ended and both are at their ends.
   void follow(FileDescriptor& output, FileDescriptor& messages) {
-    const FileDescriptor ended(open_pidfd(pid));
+    const FileDescriptor ended(open_pidfd(child));
     LineReader lines(options.max_line, options.on_output);
     LineReader notes(options.max_line, options.on_message);
     ::fcntl(output.get(), F_SETFL, O_NONBLOCK);
@@ -383,8 +380,6 @@ ChildProcess::~ChildProcess() {
   if (impl_->thread.joinable()) impl_->thread.join();
 }
 
-int ChildProcess::pid() const { return impl_->pid; }
-
 void ChildProcess::interrupt(std::chrono::milliseconds kill_delay) {
   {
     const std::lock_guard lock(impl_->mutex);
@@ -398,40 +393,10 @@ void ChildProcess::interrupt(std::chrono::milliseconds kill_delay) {
 
 void ChildProcess::kill() { impl_->signal_group(SIGKILL); }
 
-bool ChildProcess::is_running() const {
-  const std::lock_guard lock(impl_->mutex);
-  return !impl_->end;
-}
-
 std::optional<ChildEnd> ChildProcess::wait(std::chrono::milliseconds timeout) {
   std::unique_lock lock(impl_->mutex);
   impl_->changed.wait_for(lock, timeout, [&] { return impl_->end.has_value(); });
   return impl_->end;
-}
-
-ChildProcess::Use ChildProcess::use() const {
-  Use result;
-  const std::lock_guard lock(impl_->mutex);
-  if (impl_->child <= 0) return result;
-  const FileDescriptor file(
-      ::open(fmt::format("/proc/{}/stat", impl_->child).c_str(), O_RDONLY | O_CLOEXEC));
-  std::array<char, 1024> text{};
-  if (file.get() < 0 || ::read(file.get(), text.data(), text.size() - 1) <= 0) return result;
-  const char* rest = std::strrchr(text.data(), ')');  // the name before it may contain anything
-  if (rest == nullptr) return result;
-  unsigned long user = 0;
-  unsigned long system = 0;
-  long pages = 0;
-  if (std::sscanf(rest + 1,
-                  " %*c %*d %*d %*d %*d %*d %*u %*u %*u %*u %*u %lu %lu %*d %*d %*d %*d %*d %*d "
-                  "%*u %*u %ld",
-                  &user, &system, &pages) != 3)
-    return result;
-  result.cpu_seconds =
-      static_cast<double>(user + system) / static_cast<double>(::sysconf(_SC_CLK_TCK));
-  result.resident_bytes = static_cast<std::uint64_t>(std::max(0L, pages)) *
-                          static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE));
-  return result;
 }
 
 }  // namespace tarsier::web

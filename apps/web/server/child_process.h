@@ -52,20 +52,11 @@ class ChildProcess {
   ChildProcess(const ChildProcess&) = delete;
   ChildProcess& operator=(const ChildProcess&) = delete;
 
-  [[nodiscard]] int pid() const;  // for the log; the process may have ended
   // Sends SIGINT to its group, and SIGKILL if it has not ended after `kill_delay`. Returns at once.
   void interrupt(std::chrono::milliseconds kill_delay);
   void kill();  // sends SIGKILL to its group; returns at once
-  [[nodiscard]] bool is_running() const;
   // Waits until on_end has returned; nullopt if that takes longer than `timeout`.
   std::optional<ChildEnd> wait(std::chrono::milliseconds timeout);
-  // Use of the process itself since its start: CPU seconds, bytes of resident memory (0 after its
-  // end).
-  struct Use {
-    double cpu_seconds = 0;
-    std::uint64_t resident_bytes = 0;
-  };
-  [[nodiscard]] Use use() const;
 
  private:
   struct Impl;

@@ -126,7 +126,6 @@ TEST(ChildProcess, IsInterruptedThenKilled) {
   stubborn.interrupt(milliseconds(50));
   const ChildEnd end = stubborn.wait(seconds(20)).value();
   EXPECT_TRUE(end.signal == SIGKILL || end.signal == SIGINT) << end.text();
-  EXPECT_FALSE(stubborn.is_running());
 }
 
 TEST(ChildProcess, KillsItsOwnChildren) {
@@ -148,12 +147,7 @@ TEST(ChildProcess, TheDestructorKills) {
     ChildOptions options = shell("trap '' INT TERM; while :; do sleep 1000; done", lines);
     options.pipes = {{5, alive.write_end}};
     ChildProcess child(std::move(options), [](const ChildEnd&) {});
-    EXPECT_TRUE(child.is_running());
-    EXPECT_GT(child.pid(), 0);
-    // The kernel counts pages with a delay.
-    for (int i = 0; i < 1000 && child.use().resident_bytes == 0; ++i)
-      EXPECT_FALSE(child.wait(milliseconds(5)));
-    EXPECT_GT(child.use().resident_bytes, 0U);
+    EXPECT_FALSE(child.wait(milliseconds(0)));
   }
   ::close(alive.write_end);
   char byte = 0;
@@ -171,7 +165,6 @@ TEST(ChildProcess, CallsOnEndOnce) {
       seen = lines.output.size();
     });
     EXPECT_TRUE(child.wait(seconds(20)));
-    EXPECT_EQ(child.use().resident_bytes, 0U);
     child.interrupt(seconds(1));  // nothing happens
     child.kill();
   }

@@ -51,6 +51,22 @@ Response unauthorized(std::string_view message) {
   return response;
 }
 
+// The refusal of a request with a second length, host or authorization: a proxy may use the other
+// one.
+std::optional<Response> repeated_field(const Request& request) {
+  for (const std::string_view name :
+       {"content-length", "host", "transfer-encoding", "authorization"}) {
+    const auto count = std::count_if(request.headers.begin(), request.headers.end(),
+                                     [&](const auto& field) { return field.first == name; });
+    if (count < 2) continue;
+    Response response =
+        error_response(400, fmt::format("the header field {} is given {} times", name, count));
+    response.headers.emplace_back("Connection", "close");
+    return response;
+  }
+  return std::nullopt;
+}
+
 Response too_many(int wait) {
   Response response = error_response(429, fmt::format("too many attempts; wait {} s", wait));
   response.headers.emplace_back("Retry-After", std::to_string(wait));
@@ -61,6 +77,8 @@ Response too_many(int wait) {
 
 std::optional<Response> HttpChecks::refusal(PendingRequest& pending) {
   Request& request = pending.request;
+  // Without a length, so the body is not read.
+  if (auto repeated = repeated_field(request)) return repeated;
   const std::string_view length = request.header("content-length");
   const auto bytes = to_integer(length, 0, std::int64_t{1} << 50);
   if (bytes) pending.expected = static_cast<std::uint64_t>(*bytes);

@@ -118,7 +118,6 @@ Connection* HttpConnections::add(int socket, const sockaddr* from) {
   } else {
     make_room(*connection);
   }
-  ++counters_.connections;
   counters_.open = connections_.size();
   return connection.release();
 }

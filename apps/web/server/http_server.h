@@ -33,8 +33,7 @@ struct HttpServerOptions {
 
 // Counters of the server for /metrics and /api/info.
 struct HttpCounters {
-  std::atomic<std::uint64_t> connections{0};  // accepted
-  std::atomic<std::uint64_t> open{0};         // open now
+  std::atomic<std::uint64_t> open{0};  // open now
   std::atomic<std::uint64_t> requests{0};
   std::atomic<std::uint64_t> refused{0};  // answered with 400..499
   std::atomic<std::uint64_t> failed{0};   // answered with 500..599

@@ -112,6 +112,28 @@ class HttpServerTest : public FolderTest {
   std::uint16_t port_ = 0;
 };
 
+TEST_F(HttpServerTest, RepeatedFieldsAreRefused) {
+  int handled = 0;
+  router_.add(
+      "POST", "/x",
+      [&](const Request&) {
+        ++handled;
+        return no_content();
+      },
+      Access::kPublic);
+  start();
+  const std::string type = "Content-Type: application/json\r\n";
+  EXPECT_THAT(ask("POST /x", type, "{}"), StartsWith("HTTP/1.1 204"));
+  for (const char* fields : {"Content-Length: 0\r\n", "content-length: 2\r\n",
+                             "Host: localhost\r\n", "Authorization: a\r\nAuthorization: b\r\n",
+                             "Transfer-Encoding: chunked\r\nTransfer-Encoding: identity\r\n"}) {
+    const std::string answer = ask("POST /x", type + fields, "{}");
+    EXPECT_THAT(answer, StartsWith("HTTP/1.1 400")) << fields;
+    EXPECT_THAT(answer, HasSubstr("Connection: close")) << fields;
+  }
+  EXPECT_EQ(handled, 1);
+}
+
 TEST_F(HttpServerTest, ErrorsOfHandlersBecomeResponses) {
   router_.add(
       "GET", "/http", [](const Request&) -> Response { throw HttpError(418, "no coffee"); },

@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 // One job in memory: shared by jobs.cpp, which stores jobs, and job_runner.cpp, which runs them.
 namespace tarsier::web {
@@ -31,7 +32,8 @@ struct Jobs::Job {
   std::string stop_reason;  // reason, if the server stopped it
   std::string last_error;
   BoundedFile output, log;
-  bool is_new = true;  // has a change to publish
+  std::vector<std::string> forgotten_names;  // of people who were forgotten before it ended
+  bool is_new = true;                        // has a change to publish
   std::chrono::steady_clock::time_point published{};
   std::chrono::steady_clock::time_point measured{};
   std::string measured_stage;

@@ -8,6 +8,7 @@
 #include "job_feed.h"
 #include "router.h"
 #include <algorithm>
+#include <utility>
 
 namespace tarsier::web {
 namespace {
@@ -173,6 +174,10 @@ void Jobs::schedule() {
       std::shared_ptr<Job> next;
       for (const auto& [id, job] : std::map(jobs_)) {
         if (job->state == JobState::kRunning && job->end) finish(job, lock);
+        if (is_over(job->state)) {
+          for (const std::string& name : std::exchange(job->forgotten_names, {}))
+            remove_name_from(*job, name);
+        }
         if (job->state == JobState::kRunning) ++running;
         if (job->state == JobState::kQueued && !next) next = job;
       }

@@ -10,6 +10,7 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
+#include "forgotten_names.h"
 #include "job.h"
 #include "job_feed.h"
 #include "router.h"
@@ -39,7 +40,6 @@ using Json = nlohmann::json;
 
 constexpr std::size_t kMaxShown = 64U << 10U;  // bytes of lines in one response
 constexpr std::size_t kMaxStored = 1U << 20U;
-constexpr std::string_view kForgotten = "(forgotten)";
 
 // Sorted by time, also within a millisecond and after the clock was set back; not predictable.
 std::string new_id() {
@@ -270,6 +270,9 @@ Json Jobs::restart(const std::string& id, const std::string& address) {
     const Lock lock(mutex_);
     const auto job = find(id);
     if (!is_over(job->state)) throw HttpError(409, "the job has not ended");
+    const Json words = Json::array({job->request.inputs, job->request.flags});
+    if (to_text(words).find(kForgotten) != std::string::npos)
+      throw HttpError(409, "a person of this job was forgotten; start a new job");
     if (job->state != JobState::kDone) {
       const CommandLine command =
           host_.command(job->request, Use::kJob, host_.workspace.job_folder(id) + "/files");
@@ -309,31 +312,45 @@ std::map<std::string, int> Jobs::count_by_state() const {
 void Jobs::forget_name(const std::string& name) {
   const Lock lock(mutex_);
   forget_name_now(name);
+  changed_.notify_all();
 }
 
 void Jobs::forget_name_now(const std::string& name) {
   for (const auto& [id, job] : jobs_) {
-    std::vector<std::string>& inputs = job->request.inputs;
-    const bool is_theirs = job->request.verb.starts_with("people ") &&
-                           std::find(inputs.begin(), inputs.end(), name) != inputs.end();
-    if (!is_theirs || !is_over(job->state)) continue;
-    std::replace(inputs.begin(), inputs.end(), name, std::string(kForgotten));
-    if (job->name.find(name) != std::string::npos) job->name = kForgotten;
-    job->shell_text = "tarsier " + job->request.verb;
-    for (std::string& line : job->lines) {
-      Json object = Json::parse(line, nullptr, false);
-      if (object.is_object() && object.value("name", Json()) == Json(name))
-        object["name"] = kForgotten;
-      line = object.is_object() ? to_text(object) : "";
+    if (!job->request.verb.starts_with("people ")) continue;
+    if (is_over(job->state)) {
+      remove_name_from(*job, name);
+    } else {
+      job->forgotten_names.push_back(name);
     }
-    const std::string folder = host_.workspace.job_folder(id);
-    std::string lines;
-    for (const std::string& line : job->lines) lines += line + '\n';
-    write_file_atomically(folder + "/lines.jsonl", lines);
-    write_file_atomically(folder + "/log.txt", "");
-    job->error.clear();
-    job->is_new = true;
-    save(*job);
+  }
+}
+
+void Jobs::remove_name_from(Job& job, const std::string& name) {
+  try {
+    const Json before = stored(job);
+    Json request = Json::array({job.request.inputs, job.request.flags});
+    remove_name(request, name);
+    if (request != Json::array({job.request.inputs, job.request.flags})) {
+      job.request.inputs = request[0].get<std::vector<std::string>>();
+      job.request.flags = request[1];
+      job.shell_text = "tarsier " + job.request.verb;
+    }
+    job.name = without_name(job.name, name);
+    job.error = without_name(job.error, name);
+    remove_name(job.progress, name);
+    for (std::string& line : job.lines) line = line_without_name(line, name);
+    job.is_new = true;
+    if (stored(job) != before) save(job);
+    const std::string folder = host_.workspace.job_folder(job.id);
+    for (const char* file : {"/lines.jsonl", "/log.txt"})
+      remove_name_from_file(folder + file, name);
+    for (const FileInfo& file : host_.workspace.job_files(job.id)) {
+      if (file.type == FileType::kOther)
+        remove_name_from_file(folder + "/files/" + file.name, name);
+    }
+  } catch (const std::exception& error) {  // a full disk: the other jobs lose the name
+    log_warning("job {}: a forgotten name may be left: {}", job.id, error.what());
   }
 }
 

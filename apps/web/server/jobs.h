@@ -93,10 +93,11 @@ class Jobs {
   void cancel(const std::string& id);  // 409 if it has ended
   void remove(const std::string& id);  // 409 if it has not ended
   // A job that was interrupted runs again in its folder, so that verbs with checkpoints continue.
-  // For a job that is done a new job is made.
+  // For a job that is done a new job is made. 409 if a person in its request was forgotten.
   nlohmann::json restart(const std::string& id, const std::string& address);
-  // Removes the name of a forgotten person from the stored requests, lines and logs of jobs about
-  // people. A job of `people forget` does this by itself.
+  // Removes the name of a forgotten person from the stored requests, lines, logs and text results
+  // of jobs about people; of a job that has not ended, at its end. A job of `people forget` does
+  // this by itself.
   void forget_name(const std::string& name);
   [[nodiscard]] std::map<std::string, int> count_by_state() const;
 
@@ -109,6 +110,7 @@ class Jobs {
   void begin(const std::shared_ptr<Job>& job, Lock& lock);
   void finish(const std::shared_ptr<Job>& job, Lock& lock);
   void forget_name_now(const std::string& name);
+  void remove_name_from(Job& job, const std::string& name);
   void take_output(Job& job, std::string_view line);
   void take_message(Job& job, std::string_view line);
   void keep_line(Job& job, std::string line) const;

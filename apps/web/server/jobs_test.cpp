@@ -20,6 +20,7 @@
 #include <algorithm>
 #include <condition_variable>
 #include <filesystem>
+#include <fstream>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <sys/stat.h>
@@ -267,6 +268,56 @@ TEST_F(JobsTest, RemovesNamesOfForgottenPeople) {
     EXPECT_THAT(text, Not(HasSubstr("Ann"))) << entry.path();
     EXPECT_THAT(text, Not(HasSubstr("Bob"))) << entry.path();
   }
+}
+
+// The program of a test writes what its flag --note says.
+TEST_F(JobsTest, RemovesNamesFromFlagsLinesAndTextResults) {
+  write_file_atomically(program_, R"(#!/bin/sh
+case "$*" in
+  *stop*) [ -p wait.pipe ] || mkfifo wait.pipe; echo '{"label":"Annabel"}'; read line < wait.pipe ;;
+esac
+echo '{"faces":[{"name":"Annabel","of":"Annabella"},{"name":"Bob"}],"Annabel":1}'
+echo "Annabel was seen" >&2
+printf 'name,count\nAnnabel,1\nBob,2' > r.csv
+printf 'Annabel\000' > r.bin
+exit 1
+)");
+  ::chmod(program_.c_str(), 0700);
+  verbs_ = VerbTable(
+      R"({"verbs":[{"verb":"people list","path":["people","list"],"inputs":[],"flags":[)"
+      R"({"names":["--note"],"type":"text","values":1,"repeatable":false,"choices":[],"range":null}]}]})");
+  const auto begin_job = [&](const std::string& note) -> std::string {
+    return jobs_->start(
+        {{"verb", "people list"}, {"flags", {{"--note", note}}}, {"name", "Find Annabel"}},
+        "")["id"];
+  };
+  const auto text_of = [&](const std::string& id, const std::string& file) {
+    return read_file(workspace_->job_folder(id) + file, 1 << 20);
+  };
+  const std::string done = begin_job("Annabel agreed");
+  (void)over(done);
+  const std::string current = begin_job("Annabel, stop");
+  (void)running(current);
+  jobs_->forget_name("Annabel");
+  const Json job = jobs_->get(done);
+  EXPECT_EQ(job["flags"]["--note"], "(forgotten) agreed");
+  EXPECT_EQ(job["name"], "Find (forgotten)");
+  EXPECT_EQ(job["command"], "tarsier people list");
+  EXPECT_EQ(job["lines"],
+            Json::parse(R"json([{"faces":[{"name":"(forgotten)","of":"Annabella"},{"name":"Bob"}],
+                                 "Annabel":1}])json"));
+  EXPECT_EQ(Json::parse(text_of(done, "/lines.jsonl")), job["lines"][0]);
+  EXPECT_EQ(text_of(done, "/log.txt"), "(forgotten) was seen\n");
+  EXPECT_EQ(text_of(done, "/files/r.csv"), "name,count\n(forgotten),1\nBob,2");
+  EXPECT_EQ(text_of(done, "/files/r.bin"), std::string("Annabel\0", 8));
+  EXPECT_EQ(text_of(done, "/job.json").find("Annabel"), std::string::npos);
+  EXPECT_THROW((void)jobs_->restart(done, ""), HttpError);
+  // The job that was running loses the name at its end.
+  std::ofstream(workspace_->job_folder(current) + "/files/wait.pipe") << "go\n";
+  const Json last = wait_for(
+      current, [](const Json& one) { return one["flags"]["--note"] == "(forgotten), stop"; });
+  EXPECT_EQ(last["lines"][0]["label"], "(forgotten)");
+  EXPECT_EQ(text_of(current, "/files/r.csv"), "name,count\n(forgotten),1\nBob,2");
 }
 
 TEST_F(JobsTest, RunsReturnResults) {

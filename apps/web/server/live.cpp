@@ -205,6 +205,8 @@ Response Live::start(const Request& request) {
     for (std::string& word : line.words) options.arguments.push_back(std::move(word));
     options.secrets = std::move(line.secrets);
     options.environment = options_.environment;
+    options.folder = options_.sessions_folder + '/' + options.id;
+    options.on_forgotten = options_.forgotten;
     options.has_camera = !cameras.empty();
     session = std::make_shared<LiveSession>(std::move(options));
     sessions_.push_back(session);
@@ -228,6 +230,10 @@ Response Live::take_events(const Request& request) {
     if (!text)
       throw HttpError(400, "expected an event of key, mouse, action or slider: " +
                                to_text(event).substr(0, 200));
+    if (*text == "{\"action\":\"save\"}\n") {
+      throw HttpError(400,
+                      "'save' would write a file on the server; snapshot.jpg returns the image");
+    }
     lines += *text;
     is_move = is_move && event.value("mouse", "") == "move";
   }
@@ -372,20 +378,6 @@ nlohmann::json Live::sessions() const {
   nlohmann::json list = nlohmann::json::array();
   for (const auto& session : all) list.push_back(session->describe());
   return list;
-}
-
-Live::Counts Live::counts() const {
-  const std::lock_guard lock(mutex_);
-  Counts counts;
-  counts.streams = streams_.count();
-  for (const auto& session : sessions_) {
-    if (!session->is_running()) continue;
-    ++counts.running;
-    const ChildProcess::Use use = session->use();
-    counts.cpu_seconds += use.cpu_seconds;
-    counts.resident_bytes += use.resident_bytes;
-  }
-  return counts;
 }
 
 }  // namespace tarsier::web

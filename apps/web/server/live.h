@@ -30,8 +30,11 @@ struct LiveOptions {
   const VerbTable* verbs = nullptr;
   References references;
   std::vector<std::pair<std::string, std::string>> environment;  // variables for the children
+  std::string sessions_folder;  // each child has its working directory here
   // --allow-source: the name and its source, which may contain a password.
   std::vector<std::pair<std::string, std::string>> allowed;
+  // Called with the name of a person whom a session deleted.
+  std::function<void(const std::string& name)> forgotten;
   std::size_t max_sessions = 9;  // running at the same time
   std::size_t max_ended = 20;    // ended sessions that are kept
   std::size_t max_streams = 32;  // /api/live and stream.mjpg together
@@ -60,14 +63,6 @@ class Live {
 
   // The list of all Session objects.
   [[nodiscard]] nlohmann::json sessions() const;
-
-  struct Counts {
-    std::size_t running = 0;
-    std::size_t streams = 0;
-    double cpu_seconds = 0;  // of the running children
-    std::uint64_t resident_bytes = 0;
-  };
-  [[nodiscard]] Counts counts() const;
 
  private:
   [[nodiscard]] Response list_sources() const;

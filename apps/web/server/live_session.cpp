@@ -7,15 +7,18 @@
 #include <fmt/format.h>
 
 #include "router.h"
+#include "verb_policy.h"
 #include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cmath>
 #include <cstring>
 #include <fcntl.h>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <poll.h>
 #include <sys/eventfd.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 namespace tarsier::web {
@@ -61,6 +64,9 @@ std::uint32_t LiveSession::Image::age_now() const {
 }
 
 LiveSession::LiveSession(Options options) : options_(std::move(options)) {
+  if (!options_.folder.empty() && ::mkdir(options_.folder.c_str(), 0700) != 0) {
+    throw HttpError(507, fmt::format("the session's folder cannot be made: {}", errno_text(errno)));
+  }
   const PipeEnds events = make_pipe();
   PipeEnds records{};
   PipeEnds camera{};
@@ -75,6 +81,7 @@ LiveSession::LiveSession(Options options) : options_(std::move(options)) {
     if (options_.has_camera) camera = make_pipe();
     ChildOptions child;
     child.arguments = options_.arguments;
+    child.folder = options_.folder;
     child.environment = options_.environment;
     child.environment.emplace_back("TARSIER_WINDOW", "pipe:3:4");
     child.pipes = {{3, events.read_end}, {4, records.write_end}};
@@ -94,6 +101,7 @@ LiveSession::LiveSession(Options options) : options_(std::move(options)) {
   } catch (...) {
     close_all();
     close_fd(wake_fd_);
+    remove_folder();
     throw;
   }
   ::close(events.read_end);
@@ -115,10 +123,16 @@ LiveSession::~LiveSession() {
   wake_worker();
   thread_.join();  // before the child is destroyed, which the thread may be about to interrupt
   child_.reset();  // kills
+  remove_folder();
   close_fd(records_fd_);
   close_fd(events_fd_);
   close_fd(camera_fd_);
   close_fd(wake_fd_);
+}
+
+void LiveSession::remove_folder() const {
+  std::error_code error;
+  if (!options_.folder.empty()) std::filesystem::remove_all(options_.folder, error);
 }
 
 void LiveSession::wake_worker() const {
@@ -254,7 +268,9 @@ void LiveSession::take_record(char kind, std::string payload) {
     log_warning("session {}: its window sent invalid JSON", options_.id);
     return;
   }
-  auto text = std::make_shared<const std::string>(without_secrets(to_text(value)));
+  if (kind == 'S') take_forgotten(value);
+  auto text =
+      std::make_shared<const std::string>(without_secrets(to_text(value), options_.secrets));
   const std::lock_guard lock(mutex_);
   VersionedJson& message = kind == 'H' ? hello_ : state_;
   ++message.number;
@@ -279,20 +295,23 @@ void LiveSession::take_record(char kind, std::string payload) {
   wake_viewers();
 }
 
-// --- what is known ---
-
-std::string LiveSession::without_secrets(std::string text) const {
-  for (const auto& [secret, name] : options_.secrets) {
-    if (secret.empty()) continue;
-    for (std::size_t at = text.find(secret); at != std::string::npos;
-         at = text.find(secret, at + name.size()))
-      text.replace(at, secret.size(), name);
+// Takes the names of deleted people out of a state: viewers do not get them.
+void LiveSession::take_forgotten(nlohmann::json& value) {
+  const auto state = value.find("state");
+  if (state == value.end() || !state->is_object()) return;
+  const nlohmann::json names = state->value("forgotten", nlohmann::json::array());
+  state->erase("forgotten");
+  if (!names.is_array()) return;
+  for (; forgotten_count_ < names.size(); ++forgotten_count_) {
+    const nlohmann::json& name = names[forgotten_count_];
+    if (name.is_string() && options_.on_forgotten) options_.on_forgotten(name);
   }
-  return text;
 }
 
+// --- what is known ---
+
 void LiveSession::append_line(std::deque<std::string>& lines, std::string_view line) {
-  std::string text = without_secrets(std::string(line.substr(0, kLogLine)));
+  std::string text = without_secrets(std::string(line.substr(0, kLogLine)), options_.secrets);
   const std::lock_guard lock(mutex_);
   lines.push_back(std::move(text));
   if (lines.size() > kLogLines) lines.pop_front();
@@ -394,7 +413,8 @@ nlohmann::json LiveSession::describe() const {
     value["age_ms"] = member(*frame, "age_ms");
   if (!options_.secrets.empty()) {
     // States contain names of sources, too.
-    nlohmann::json cleaned = nlohmann::json::parse(without_secrets(to_text(value)), nullptr, false);
+    nlohmann::json cleaned =
+        nlohmann::json::parse(without_secrets(to_text(value), options_.secrets), nullptr, false);
     if (!cleaned.is_discarded()) return cleaned;
   }
   return value;
@@ -521,7 +541,5 @@ void LiveSession::end_camera() {
   }
   wake_worker();
 }
-
-ChildProcess::Use LiveSession::use() const { return child_->use(); }
 
 }  // namespace tarsier::web

@@ -51,8 +51,12 @@ class LiveSession {
     std::vector<std::pair<std::string, std::string>> secrets;  // replaced in all shown text
     // Added to the server's environment.
     std::vector<std::pair<std::string, std::string>> environment;
+    // Its working directory, made at its start and removed after its end; empty: ours.
+    std::string folder;
     bool has_camera = false;       // the input is a viewer's camera: frames by offer_frame()
     std::function<void()> on_end;  // called in a thread of the session
+    // Called in a thread of the session with the name of a person whom it deleted.
+    std::function<void(const std::string& name)> on_forgotten;
   };
 
   // An image as sent by the child. `number` counts the images of this session.
@@ -126,17 +130,16 @@ class LiveSession {
   void offer_frame(std::shared_ptr<const std::string> jpeg);
   void end_camera();  // ends the source
 
-  [[nodiscard]] ChildProcess::Use use() const;
-
  private:
   void work();
   void take_record(char kind, std::string payload);
+  void take_forgotten(nlohmann::json& value);
   void append_line(std::deque<std::string>& lines, std::string_view line);
   void handle_end(const ChildEnd& end);
   void wake_viewers();           // call it with the mutex held
   void apply_viewer_settings();  // call it with the mutex held
-  [[nodiscard]] std::string without_secrets(std::string text) const;
   void wake_worker() const;
+  void remove_folder() const;
   void write_events();
   void write_camera();
 
@@ -184,6 +187,7 @@ class LiveSession {
   int camera_fd_ = -1;
   std::string camera_now_;
   std::size_t camera_written_ = 0;
+  std::size_t forgotten_count_ = 0;  // names that on_forgotten got
   int wake_fd_ = -1;
 
   std::unique_ptr<ChildProcess> child_;

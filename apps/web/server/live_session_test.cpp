@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: MIT
 #include "live_session.h"
 
+#include "tarsier/media/testing_folder.h"
+
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "live.h"
 #include "live_stream.h"
+#include "studio.h"
 #include <array>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -165,7 +170,6 @@ TEST(StreamSlots, TakeTurnsWithManyStreamsOfABrowser) {
   for (const auto& slot : own) EXPECT_TRUE(slot->takes_turns());
   EXPECT_FALSE(other->takes_turns());
   EXPECT_FALSE(program->takes_turns());
-  EXPECT_EQ(slots.count(), 7U);
   const auto last = slots.take("");
   EXPECT_THROW((void)slots.take(""), HttpError);
   own.pop_back();
@@ -340,6 +344,51 @@ TEST(LiveSession, MasksSecrets) {
       session.describe().dump() + *session.ended().json + *session.state().json;
   EXPECT_EQ(seen.find("u:p"), std::string::npos) << seen;
   EXPECT_NE(seen.find("allowed:door"), std::string::npos) << seen;
+}
+
+TEST(LiveSession, ReportsForgottenPeopleOnce) {
+  const auto state = [](const std::string& names) {
+    const std::string text = "{\"state\":{\"a\":1,\"forgotten\":" + names + "}}";
+    return fmt::format("printf '\\000\\000\\000\\{:03o}S{}' >&4;", text.size() + 1, text);
+  };
+  LiveSession::Options options =
+      shell(state("[\"Ann\"]") + state("[\"Ann\"]") + state("[\"Ann\",\"Ben\",3]"));
+  std::vector<std::string> names;
+  options.on_forgotten = [&](const std::string& name) { names.push_back(name); };
+  {
+    LiveSession session(std::move(options));
+    wait_for(session, [&] { return session.state().number == 3; });
+    EXPECT_EQ(*session.state().json, R"({"state":{"a":1}})");
+  }
+  EXPECT_THAT(names, testing::ElementsAre("Ann", "Ben"));
+}
+
+TEST(LiveSession, HasAFolderOfItsOwn) {
+  const TemporaryFolder parent;
+  LiveSession::Options options = shell("pwd; echo x > made.png");
+  options.folder = parent.path() + "/a1";
+  {
+    LiveSession session(options);
+    wait_for(session, [&] { return session.ended().json != nullptr; });
+    EXPECT_EQ(session.describe()["output"],
+              json::array({std::filesystem::canonical(options.folder).string()}));
+    EXPECT_TRUE(std::filesystem::exists(options.folder + "/made.png"));
+  }
+  EXPECT_FALSE(std::filesystem::exists(options.folder));
+  options.arguments = {"/nonexistent"};
+  EXPECT_ANY_THROW(LiveSession session(options));
+  EXPECT_FALSE(std::filesystem::exists(options.folder));
+}
+
+TEST(AllowedSources, FilesHaveAbsolutePaths) {
+  const auto source = [](const std::string& text) {
+    return parse_allowed_sources({"a=" + text}).front().second;
+  };
+  EXPECT_EQ(source("."), std::filesystem::absolute("."));
+  EXPECT_EQ(source("images/*.jpg"), std::filesystem::absolute("images/*.jpg"));
+  EXPECT_EQ(source("/x.mp4"), "/x.mp4");
+  for (const char* text : {"0", "rtsp://h/a?x=[1]", "synth:clock?live=1", "/dev/video0"})
+    EXPECT_EQ(source(text), text);
 }
 
 TEST(LiveSession, InvalidRecordsEndIt) {

@@ -300,11 +300,6 @@ std::shared_ptr<StreamSlots::Slot> StreamSlots::take(const std::string& viewer) 
   return slot;
 }
 
-std::size_t StreamSlots::count() const {
-  const std::lock_guard lock(mutex_);
-  return count_;
-}
-
 std::unique_ptr<BodyStream> make_live_stream(
     std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,
     std::vector<std::string> unknown,

@@ -46,7 +46,6 @@ class StreamSlots {
   // `viewer` is the sign-in of a browser, or "" for a program, whose streams take no turns.
   // HttpError 503 if there are too many.
   [[nodiscard]] std::shared_ptr<Slot> take(const std::string& viewer);
-  [[nodiscard]] std::size_t count() const;
 
  private:
   const std::size_t max_streams_;

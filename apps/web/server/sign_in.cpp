@@ -326,11 +326,6 @@ std::string SignIns::csrf_of(std::string_view cookie) {
   return hash_of("csrf of " + std::string(cookie));
 }
 
-std::size_t SignIns::count() const {
-  const std::lock_guard lock(mutex_);
-  return cookies_.size();
-}
-
 std::optional<std::string> cookie_value(std::string_view header, std::string_view name) {
   while (!header.empty()) {
     const std::size_t end = header.find(';');

@@ -87,7 +87,6 @@ class SignIns {
   // The value that a page sends with every change. It is derived from the cookie, which no other
   // site can read.
   [[nodiscard]] static std::string csrf_of(std::string_view cookie);
-  [[nodiscard]] std::size_t count() const;
 
  private:
   struct StoredSignIn {

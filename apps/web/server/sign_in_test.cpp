@@ -187,7 +187,7 @@ TEST_F(SignInTest, TheOldestEndsWhenThereAreTooMany) {
     if (i == 0) first = cookie;
     now_ += seconds(1);
   }
-  EXPECT_EQ(sign_ins.count(), kMaxSignIns);
+  EXPECT_EQ(sign_ins.list().size(), kMaxSignIns);
   EXPECT_FALSE(sign_ins.is_signed_in(first));
 }
 

@@ -101,6 +101,18 @@ JobOptions jobs_of(const StudioOptions& options) {
   return jobs;
 }
 
+// The children have working directories of their own, so the path of a file must be absolute.
+std::string absolute_source(const std::string& source) {
+  namespace fs = std::filesystem;
+  if (source.starts_with('@')) return '@' + absolute_source(source.substr(1));
+  const bool is_camera = to_integer(source, 0, 255).has_value();
+  const bool is_glob =
+      source.find_first_of("*?[") != std::string::npos && source.find(':') == std::string::npos;
+  std::error_code error;
+  return !is_camera && (is_glob || fs::exists(source, error)) ? fs::absolute(source).string()
+                                                              : source;
+}
+
 std::string server_file(const std::string& workspace) { return workspace + "/.studio/server.json"; }
 
 }  // namespace
@@ -126,7 +138,7 @@ std::vector<std::pair<std::string, std::string>> parse_allowed_sources(
     const std::string source = word.substr(equals + 1);
     if (source.starts_with('-'))
       throw UsageError(fmt::format("--allow-source {}: a source does not begin with '-'", name));
-    result.emplace_back(name, source);
+    result.emplace_back(name, absolute_source(source));
   }
   return result;
 }
@@ -270,7 +282,9 @@ struct Studio::Impl {
     };
     live_options.environment = {{"TARSIER_STUDIO", "1"},
                                 {"TARSIER_OWN_MODELS", workspace.models_folder()}};
+    live_options.sessions_folder = workspace.studio_folder() + "/sessions";
     live_options.more_sources = [this] { return set_sources(); };
+    live_options.forgotten = [this](const std::string& name) { jobs->forget_name(name); };
     live = std::make_unique<Live>(std::move(live_options), feed, audit);
     const auto source = [this](const std::string& reference) {
       if (reference.starts_with("viewer:"))

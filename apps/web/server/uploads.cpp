@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <utility>
 #include <vector>
@@ -45,27 +46,52 @@ bool is_video_head(std::string_view bytes) {
   return is_mp4 || is_avi || is_matroska;
 }
 
-// Verbs open the files named in lists and sets; none may be outside their folder. Words longer than
-// any path are numbers and encoded bytes.
+// Whether the character ends a word of a list or a table.
+bool is_break(char c) {
+  return std::isspace(static_cast<unsigned char>(c)) != 0 || c == '"' || c == '\'' || c == ',' ||
+         c == ';' || c == '>' || c == '=' || c == '[' || c == '(' || c == '\0';
+}
+
+std::vector<std::string> names_in_root() {
+  std::vector<std::string> names;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator("/", error))
+    names.push_back(entry.path().filename().string());
+  return names;
+}
+
+// Whether `rest`, which begins with '/', begins with a path of this machine. Encoded bytes and
+// fractions begin with '/' too, so the path must begin with a name that exists, end like the name
+// of a file, or have characters that may stand for others.
+bool begins_with_path(std::string_view rest, const std::vector<std::string>& root) {
+  const std::string_view word(rest.begin(), std::find_if(rest.begin(), rest.end(), is_break));
+  if (word.find_first_of("\\&") != std::string_view::npos) return true;
+  while (rest.starts_with('/') || rest.starts_with("./")) rest.remove_prefix(1);
+  const bool exists = std::any_of(root.begin(), root.end(), [&](const std::string& name) {
+    if (!rest.starts_with(name)) return false;
+    const char next = rest.size() == name.size() ? '/' : rest[name.size()];
+    return std::isalnum(static_cast<unsigned char>(next)) == 0 &&
+           std::string_view("+-_.").find(next) == std::string_view::npos;
+  });
+  if (exists) return true;
+  const std::string_view file = word.substr(word.rfind('/') + 1);
+  const std::string_view extension = file.substr(std::min(file.rfind('.'), file.size()));
+  return extension.size() > 1 && std::isalpha(static_cast<unsigned char>(extension[1])) != 0;
+}
+
+// Verbs open the files named in lists and sets; none may be outside their folder.
 bool names_foreign_files(std::string_view text) {
-  constexpr std::size_t kLongestPath = 4096;
-  const auto is_break = [](char c) {
-    return std::isspace(static_cast<unsigned char>(c)) != 0 || c == '"' || c == '\'' || c == ',' ||
-           c == ';' || c == '>' || c == '=' || c == '[' || c == '(' || c == '\0';
-  };
+  const std::vector<std::string> root = names_in_root();
   for (std::size_t n = 0; n < text.size(); ++n) {
-    if (text[n] == '\\' && n + 1 < text.size() && text[n + 1] == '/') return true;  // JSON's "\/"
-    if (text[n] == '\\' && text.substr(n + 1, 5) == "u002f") return true;
-    if (text[n] == '\\' && text.substr(n + 1, 5) == "u002F") return true;
-    if (text[n] == '\\' && text.substr(n + 1, 5) == "u002e") return true;
-    if (text[n] == '\\' && text.substr(n + 1, 5) == "u002E") return true;
-    if (text[n] == '&' && n + 1 < text.size() && text[n + 1] == '#') return true;  // XML's &#47;
-    if (text[n] == '.' && text.substr(n, 3) == "../") return true;
-    const bool begins = n == 0 || is_break(text[n - 1]);
-    if (!begins || (text[n] != '/' && text[n] != '~')) continue;
-    std::size_t end = n + 1;
-    while (end < text.size() && end - n <= kLongestPath && !is_break(text[end])) ++end;
-    if (end - n > 1 && end - n <= kLongestPath) return true;
+    const std::string_view rest = text.substr(n);
+    // "/" and "." as JSON and XML may write them, and the folder above.
+    for (const std::string_view sign :
+         {"\\/", "\\u002f", "\\u002F", "\\u002e", "\\u002E", "&#", "../"}) {
+      if (rest.starts_with(sign)) return true;
+    }
+    if (n > 0 && !is_break(text[n - 1])) continue;
+    if (rest.starts_with("~/")) return true;
+    if (rest.front() == '/' && begins_with_path(rest, root)) return true;
   }
   return false;
 }

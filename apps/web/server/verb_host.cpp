@@ -51,15 +51,7 @@ ChildOptions VerbHost::child(const CommandLine& line, const std::string& folder)
 }
 
 std::string VerbHost::public_line(std::string_view line, const CommandLine& command) const {
-  std::string text(line);
-  for (const auto& [secret, shown] : command.secrets) {
-    if (secret.empty()) continue;
-    for (std::size_t at = text.find(secret); at != std::string::npos; at = text.find(secret, at)) {
-      text.replace(at, secret.size(), shown);
-      at += shown.size();
-    }
-  }
-  return workspace.with_references(std::move(text));
+  return workspace.with_references(without_secrets(std::string(line), command.secrets));
 }
 
 }  // namespace tarsier::web

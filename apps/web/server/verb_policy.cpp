@@ -2,6 +2,9 @@
 #include "verb_policy.h"
 
 #include "tarsier/core/errors.h"
+#include "tarsier/core/words.h"
+#include "tarsier/media/frame_source.h"
+#include "tarsier/media/http_protocol.h"
 
 #include <fmt/format.h>
 
@@ -129,6 +132,38 @@ std::string checked_value(const Json& flag, std::string_view name, const Json& v
   return text;
 }
 
+// The texts in which a child may name the parts of a source's address, each with its replacement.
+std::vector<std::pair<std::string, std::string>> secrets_of(const std::string& source,
+                                                            const std::string& shown) {
+  using Scheme = std::pair<std::string_view, std::uint16_t>;
+  static constexpr auto kSchemes =  // with their ports
+      std::to_array<Scheme>({{"http", 80}, {"https", 443}, {"rtsp", 554}, {"rtsps", 322}});
+  std::vector<std::pair<std::string, std::string>> secrets{{source, shown},
+                                                           {masked(source), shown}};
+  const std::string name = lower_case(source.substr(0, source.find("://")));
+  const auto* scheme = std::find_if(kSchemes.begin(), kSchemes.end(),
+                                    [&](const Scheme& known) { return known.first == name; });
+  if (scheme == kSchemes.end()) return secrets;
+  HttpUrl url;
+  try {
+    url = parse_url(source, name, scheme->second);
+  } catch (const InputError&) {  // the child reports it, too
+    return secrets;
+  }
+  secrets.emplace_back(url.host_header(0), shown);
+  // See connect_tcp().
+  secrets.emplace_back(fmt::format("port {} of {}", url.port, url.host), shown);
+  secrets.emplace_back(fmt::format("{} does not answer on port {}", url.host, url.port),
+                       shown + " does not answer");
+  secrets.emplace_back(fmt::format("'{}'", url.host), fmt::format("'{}'", shown));
+  // A host of one word may also be a word of the output.
+  if (url.host.find_first_of(".:") != std::string::npos &&
+      shown.find(url.host) == std::string::npos) {
+    secrets.emplace_back(url.host, shown);
+  }
+  return secrets;
+}
+
 class Builder {
  public:
   Builder(const Json& verb, const VerbRequest& request, Use use, const References& references)
@@ -140,6 +175,9 @@ class Builder {
     add_server_flags();
     add_inputs();
     if (use_ != Use::kLive) check_output();
+    // The longest first: one may be a part of another.
+    std::stable_sort(line_.secrets.begin(), line_.secrets.end(),
+                     [](const auto& a, const auto& b) { return a.first.size() > b.first.size(); });
     for (const Audited& row : kAudited) {
       if (row.verb == request_.verb && (row.flag.empty() || has(row.flag))) line_.audit = row.event;
     }
@@ -388,7 +426,10 @@ class Builder {
     if (!is_one_line(text, kMaxReference)) refuse("the name of a source must be one line");
     const std::string word = references_.source(text);
     const bool is_secret = text.starts_with("allowed:");
-    if (is_secret) line_.secrets.emplace_back(word, text);
+    if (is_secret) {
+      auto secrets = secrets_of(word, text);
+      std::move(secrets.begin(), secrets.end(), std::back_inserter(line_.secrets));
+    }
     add(word, is_secret ? text : word);
   }
 
@@ -497,6 +538,17 @@ CommandLine command_line(const VerbTable& verbs, const VerbRequest& request, Use
   }
   if (is_refused_verb(request.verb)) refuse("'{}' cannot be started from a page", request.verb);
   return Builder(*verb, request, use, references).build();
+}
+
+std::string without_secrets(std::string text,
+                            const std::vector<std::pair<std::string, std::string>>& secrets) {
+  for (const auto& [secret, shown] : secrets) {
+    if (secret.empty()) continue;
+    for (std::size_t at = text.find(secret); at != std::string::npos;
+         at = text.find(secret, at + shown.size()))
+      text.replace(at, secret.size(), shown);
+  }
+  return text;
 }
 
 std::string shell_quoted(std::string_view word) {

@@ -94,7 +94,8 @@ struct CommandLine {
   // For people: quoted for a shell; sources on other machines only by name.
   std::string shell_text;
   std::vector<std::string> outputs;  // names of out:NAME, in order
-  // Texts that must not be shown (URLs with passwords), and the replacement of each.
+  // Texts that must not be shown (addresses of sources and their parts), and the replacement of
+  // each; the longest first.
   std::vector<std::pair<std::string, std::string>> secrets;
   // The audit event, or "": "enrol", "forget", "export", "delete".
   std::string audit;
@@ -105,6 +106,10 @@ struct CommandLine {
 // job that would open a window.
 [[nodiscard]] CommandLine command_line(const VerbTable& verbs, const VerbRequest& request, Use use,
                                        const References& references);
+
+// Replaces each of CommandLine::secrets in `text`.
+[[nodiscard]] std::string without_secrets(
+    std::string text, const std::vector<std::pair<std::string, std::string>>& secrets);
 
 // Quotes one word for a POSIX shell.
 [[nodiscard]] std::string shell_quoted(std::string_view word);

@@ -58,7 +58,7 @@ Workspace::Workspace(std::string folder, WorkspaceLimits limits) : limits_(limit
   folder_ = fs::canonical(folder, error).string();
   if (error) throw OutputError(folder, error.message());
   for (const char* part : {"/.studio", "/.studio/uploads", "/.studio/thumbnails", "/.studio/runs",
-                           "/sets", "/jobs", "/models"}) {
+                           "/.studio/sessions", "/sets", "/jobs", "/models"}) {
     const std::string path = folder_ + part;
     if (::mkdir(path.c_str(), 0700) != 0 && errno != EEXIST) {
       throw OutputError(path, std::strerror(errno));
@@ -74,8 +74,8 @@ Workspace::Workspace(std::string folder, WorkspaceLimits limits) : limits_(limit
                       "another server uses this workspace; stop it, or give another "
                       "--workspace");
   }
-  // Uploads and runs of a killed server are useless.
-  for (const char* part : {"/uploads", "/runs"}) {
+  // Uploads, runs and sessions of a killed server are useless.
+  for (const char* part : {"/uploads", "/runs", "/sessions"}) {
     for (const auto& entry : fs::directory_iterator(studio_folder() + part, error)) {
       fs::remove_all(entry.path(), error);
     }

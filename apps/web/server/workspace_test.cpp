@@ -195,12 +195,15 @@ TEST_F(WorkspaceTest, RefusesListsThatNameFilesElsewhere) {
   for (const char* text :
        {"/etc/passwd", "a.jpg\n/etc/passwd", R"({"image": "/home/x/1.jpg"})", "../x.jpg",
         "a/../../x", R"({"image": "\/etc\/passwd"})", "image,x\n/root/a.png,3", "~/a.jpg",
-        "<image file='/x.jpg'/>", R"("\u002fetc")", "<i file='&#47;etc'/>", "key: /x"}) {
+        "<image file='/x.jpg'/>", R"("\u002fetc")", "<i file='&#47;etc'/>", "key: /etc",
+        "//etc/passwd", "/./etc/passwd", R"({"image": "/\u0065tc/passwd"})",
+        "/no-such-folder/1.jpg", "[/etc]"}) {
     EXPECT_NE(error_of(text), "") << text;
   }
   for (const char* text :
        {"a.jpg\nb/c.jpg\n", R"({"image": "faces/1.jpg", "rate": "1/2"})",
-        "<image file='a.jpg'/><br /></image>", "f 1/2/3 1//3", "# a / b", "v 0 0 0"}) {
+        "<image file='a.jpg'/><br /></image>", "f 1/2/3 1//3", "# a / b", "v 0 0 0", "and /or",
+        "about ~5 px", R"({"a":"/wD8AA=="})", "<!--\n//////\n  //\n-->", "1 /km."}) {
     EXPECT_EQ(error_of(text), "") << text;
   }
   EXPECT_EQ(error_of("{\"data\": \"/" + std::string(5000, 'A') + "\"}"), "")

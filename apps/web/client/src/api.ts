@@ -115,7 +115,7 @@ export interface Session {
   verb: string;
   name: string;
   inputs: string[];
-  flags?: Flags;
+  flags: Flags;
   command: string;
   running: boolean;
   exit: number | null;
@@ -323,23 +323,6 @@ async function json<T>(path: string, options: CallOptions = {}): Promise<T> {
   return (await response.json()) as T;
 }
 
-// With which flags this tab started a session, for servers that do not say.
-function remember(id: string, flags: Flags): void {
-  try {
-    sessionStorage.setItem(`flags ${id}`, JSON.stringify(flags));
-  } catch {
-    // Without storage the settings begin with the defaults.
-  }
-}
-
-function startedHere(id: string): Flags | undefined {
-  try {
-    return (JSON.parse(sessionStorage.getItem(`flags ${id}`) ?? 'null') as Flags | null) ?? undefined;
-  } catch {
-    return undefined;
-  }
-}
-
 const part = encodeURIComponent;
 // Names may have folders: each part is encoded, the slashes stay.
 const parts = (path: string) => path.split('/').map(part).join('/');
@@ -385,15 +368,8 @@ export const api = {
     json<void>(`/api/viewer-cameras/${viewerPart(id)}`, { method: 'DELETE' }),
 
   sessions: async () => (await json<{ sessions: Session[] }>('/api/sessions')).sessions,
-  sessionOf: async (id: string) => {
-    const session = await json<Session>(`/api/sessions/${part(id)}`);
-    return { ...session, flags: session.flags ?? startedHere(id) };
-  },
-  startSession: async (request: StartRequest) => {
-    const session = await json<Session>('/api/sessions', { method: 'POST', json: request });
-    remember(session.id, request.flags);
-    return session;
-  },
+  sessionOf: (id: string) => json<Session>(`/api/sessions/${part(id)}`),
+  startSession: (request: StartRequest) => json<Session>('/api/sessions', { method: 'POST', json: request }),
   endSession: (id: string) => json<void>(`/api/sessions/${part(id)}`, { method: 'DELETE' }),
   sendEvents: (id: string, events: SessionEvent[]) =>
     json<void>(`/api/sessions/${part(id)}/events`, { method: 'POST', json: events }),

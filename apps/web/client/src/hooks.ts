@@ -1,7 +1,7 @@
 import type { ReadonlySignal } from '@preact/signals';
-import { useEffect, useState } from 'preact/hooks';
+import { useEffect, useRef, useState } from 'preact/hooks';
 import { api, errorText, type Job } from './api';
-import { liveJobs, watchJobs } from './live';
+import { liveJobs, liveLink, removedJobs, watchJobs } from './live';
 
 // The value of a signal as state: the component is drawn again when it changes.
 export function useSignalValue<T>(signal: ReadonlySignal<T>): T {
@@ -42,6 +42,31 @@ export function useLoad<T>(load: () => Promise<T>, keys: readonly unknown[] = []
 
 const when = (job: Job) => (typeof job.created === 'number' ? job.created : Date.parse(job.created) || 0);
 
+// A list of jobs, and what was known live when it was asked for.
+export interface LoadedJobs {
+  jobs: readonly Job[];
+  before: ReadonlyMap<string, Job>;
+}
+
+async function loadJobs(): Promise<LoadedJobs> {
+  const before = liveJobs.peek();
+  return { jobs: await api.jobs(), before };
+}
+
+// The loaded jobs with what came live since the list was asked for, and without the removed ones.
+export function mergeJobs(
+  loaded: LoadedJobs | undefined,
+  live: ReadonlyMap<string, Job>,
+  removed: ReadonlySet<string>,
+): Job[] {
+  const jobs = new Map((loaded?.jobs ?? []).map((job) => [job.id, job]));
+  for (const [id, job] of live) {
+    if (loaded !== undefined && loaded.before.get(id) !== job) jobs.set(id, { ...jobs.get(id), ...job });
+  }
+  for (const id of removed) jobs.delete(id);
+  return [...jobs.values()];
+}
+
 // All jobs, newest first, kept up to date while the component is shown.
 export function useJobs(filter?: (job: Job) => boolean): {
   jobs: Job[];
@@ -49,15 +74,18 @@ export function useJobs(filter?: (job: Job) => boolean): {
   loading: boolean;
   again: () => void;
 } {
-  const loaded = useLoad(api.jobs);
+  const loaded = useLoad(loadJobs);
   const live = useSignalValue(liveJobs);
+  const removed = useSignalValue(removedJobs);
+  const link = useSignalValue(liveLink);
+  const linkBefore = useRef(link);
   useEffect(() => watchJobs(), []);
-  const jobs = new Map((loaded.value ?? []).map((job) => [job.id, job]));
-  for (const [id, job] of live) {
-    // A job that was removed comes back only by a new load.
-    if (loaded.value !== undefined || jobs.has(id)) jobs.set(id, { ...jobs.get(id), ...job });
-  }
-  const all = [...jobs.values()].filter((job) => filter?.(job) ?? true);
+  useEffect(() => {
+    // A new connection tells nothing of the changes before it.
+    if (link === 'open' && linkBefore.current !== 'open') loaded.again();
+    linkBefore.current = link;
+  }, [link]);
+  const all = mergeJobs(loaded.value, live, removed).filter((job) => filter?.(job) ?? true);
   all.sort((a, b) => when(b) - when(a));
   return { jobs: all, error: loaded.error, loading: loaded.loading, again: loaded.again };
 }

@@ -117,6 +117,8 @@ export type LiveLink = 'idle' | 'connecting' | 'open' | 'waiting';
 export const liveLink = signal<LiveLink>('idle');
 // Jobs by id, as they change while somebody watches.
 export const liveJobs = signal<ReadonlyMap<string, Job>>(new Map());
+// Ids of jobs that were removed meanwhile.
+export const removedJobs = signal<ReadonlySet<string>>(new Set());
 
 const sessions = new Map<string, Watched>();
 let jobWatchers = 0;
@@ -267,13 +269,21 @@ function text<T>(payload: Uint8Array): T {
   return JSON.parse(new TextDecoder().decode(payload)) as T;
 }
 
-function take(record: LiveRecord): void {
+function takeJob(job: Job | { id: string; state: 'deleted' }): void {
+  const jobs = new Map(liveJobs.value);
+  if (job.state === 'deleted') {
+    jobs.delete(job.id);
+    removedJobs.value = new Set(removedJobs.value).add(job.id);
+  } else {
+    jobs.set(job.id, job);
+  }
+  liveJobs.value = jobs;
+}
+
+export function take(record: LiveRecord): void {
   if (record.kind === KIND.ping) return;
   if (record.kind === KIND.job) {
-    const job = text<Job>(record.payload);
-    const jobs = new Map(liveJobs.value);
-    jobs.set(job.id, job);
-    liveJobs.value = jobs;
+    takeJob(text(record.payload));
     return;
   }
   const one = sessions.get(record.id);

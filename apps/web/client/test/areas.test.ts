@@ -49,7 +49,8 @@ import {
   upright,
 } from '../src/pages/reconstruct/orbit';
 import { readPly, writePly } from '../src/pages/reconstruct/ply';
-import { addressOf, cleanName, fileName, setName } from '../src/pages/shared/files';
+import { addressOf, cleanName, fileName, setName, uploadAll } from '../src/pages/shared/files';
+import { problemOfSession, quitSession } from '../src/pages/shared/sessions';
 import {
   addSample,
   compare,
@@ -499,4 +500,63 @@ test('names of sets and files, and where a reference is found', () => {
   assert.equal(addressOf('set:a/b c.jpg', 160), '/api/sets/a/files/b%20c.jpg?width=160');
   assert.equal(addressOf('/x/jobs/ab/files/heads/images/0.png'), '/api/jobs/ab/files/heads/images/0.png');
   assert.equal(addressOf('/etc/passwd'), null);
+});
+
+// Answers requests with `answer` while `run` runs; returns them as "METHOD PATH".
+async function withServer(
+  answer: (request: string) => { status: number; body?: object },
+  run: () => Promise<void>,
+): Promise<string[]> {
+  const requests: string[] = [];
+  const real = globalThis.fetch;
+  globalThis.fetch = (path, init) => {
+    const request = `${init?.method ?? 'GET'} ${String(path)}`;
+    requests.push(request);
+    const { status, body } = answer(request);
+    return Promise.resolve(new Response(status === 204 ? null : JSON.stringify(body), { status }));
+  };
+  try {
+    await run();
+  } finally {
+    globalThis.fetch = real;
+  }
+  return requests;
+}
+
+test('a later upload replaces no image of the set', async () => {
+  const requests = await withServer(
+    () => ({ status: 204 }),
+    async () => {
+      const files = ['img_1.jpg', 'b.jpg'].map((name) => ({ name, body: new Blob(['x']) }));
+      await uploadAll('s', files, () => undefined, ['IMG_1.jpg']);
+    },
+  );
+  assert.deepEqual(requests, ['PUT /api/sets/s/files/img_1-2.jpg', 'PUT /api/sets/s/files/b.jpg']);
+});
+
+test('a session that quits is waited for, and its error is said', async () => {
+  const session = { running: true, exit: null, error: null, log: [] };
+  const ended = { running: false, exit: 6, error: 'camera.yaml: is a folder', log: ['tarsier: error: x'] };
+  for (const status of [204, 409]) {
+    let asked = 0;
+    await withServer(
+      (request) =>
+        request.startsWith('POST')
+          ? { status, body: { error: 'this session ended before it handled the events' } }
+          : { status: 200, body: status === 204 && ++asked < 3 ? session : ended },
+      async () => {
+        const last = await quitSession('a', 0);
+        assert.equal(problemOfSession(last), 'camera.yaml: is a folder');
+      },
+    );
+  }
+  await withServer(
+    (request) =>
+      request.startsWith('POST') ? { status: 409, body: { error: 'busy' } } : { status: 200, body: session },
+    () => assert.rejects(quitSession('a', 0), /busy/),
+  );
+  const found = (exit: number, log: string[]) => problemOfSession({ ...ended, exit, log } as never);
+  assert.equal(found(0, []), '');
+  assert.equal(found(1, ['a', 'tarsier: warning: no view was taken']), 'no view was taken');
+  assert.equal(found(1, []), 'The session failed.');
 });

@@ -1,6 +1,17 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { backOff, KIND, LiveParser, imageOf, type LiveRecord } from '../src/live';
+import type { Job } from '../src/api';
+import { mergeJobs } from '../src/hooks';
+import {
+  backOff,
+  KIND,
+  LiveParser,
+  imageOf,
+  liveJobs,
+  removedJobs,
+  take,
+  type LiveRecord,
+} from '../src/live';
 
 function record(kind: number, id: string, payload: Uint8Array): Uint8Array {
   const name = new TextEncoder().encode(id);
@@ -88,4 +99,33 @@ test('an image has its number, its age and its bytes', () => {
 
 test('the delay between reconnects grows to 8 s', () => {
   assert.deepEqual([0, 1, 2, 3, 4, 5, 50].map(backOff), [0.5, 1, 2, 4, 8, 8, 8]);
+});
+
+const jobOf = (id: string, state: string) => ({ id, verb: 'doctor', state }) as Job;
+const tell = (job: object) =>
+  take({ kind: KIND.job, id: 'j', payload: new TextEncoder().encode(JSON.stringify(job)) });
+const statesOf = (jobs: Job[]) => jobs.map((job) => `${job.id} ${job.state}`);
+
+test('a removed job leaves the list and comes back by nothing', () => {
+  const loaded = { jobs: [jobOf('a', 'done'), jobOf('b', 'done')], before: liveJobs.value };
+  tell(jobOf('a', 'running'));
+  tell(jobOf('c', 'queued'));
+  const all = () => statesOf(mergeJobs(loaded, liveJobs.value, removedJobs.value));
+  assert.deepEqual(all(), ['a running', 'b done', 'c queued']);
+  tell({ id: 'a', state: 'deleted' });
+  tell({ id: 'b', state: 'deleted' });
+  assert.equal(liveJobs.value.has('a'), false);
+  assert.deepEqual(all(), ['c queued']);
+});
+
+test('a new list replaces what was known live before it', () => {
+  const live = new Map([
+    ['a', jobOf('a', 'running')],
+    ['gone', jobOf('gone', 'running')],
+  ]);
+  const loaded = { jobs: [jobOf('a', 'cancelled')], before: live };
+  assert.deepEqual(statesOf(mergeJobs(loaded, live, new Set())), ['a cancelled']);
+  const later = new Map(live).set('a', jobOf('a', 'queued'));
+  assert.deepEqual(statesOf(mergeJobs(loaded, later, new Set())), ['a queued'], 'started again');
+  assert.deepEqual(mergeJobs(undefined, later, new Set()), []);
 });

@@ -1,8 +1,8 @@
 // Annotations of the workspace: files of points that sessions made.
-import { stateFiles, type StateFile } from '../shared/files';
+import { api, type StateFile } from '../../api';
 
 export async function annotations(): Promise<StateFile[]> {
-  return (await stateFiles()).filter((one) => one.name.endsWith('.points.json'));
+  return (await api.stateFiles()).filter((one) => one.name.endsWith('.points.json'));
 }
 
 export const stateAddress = (name: string) => `/api/state/${encodeURIComponent(name)}`;

@@ -47,13 +47,11 @@ export function Annotate() {
     );
   }, [session.id]);
   const end = async () => {
-    if (session.id === undefined) return;
-    // "quit" writes the set; ending the session after it clears it away.
-    await attempt(() => api.sendEvents(session.id!, [{ action: 'quit' }]));
-    await new Promise((done) => setTimeout(done, 600));
-    await session.end();
-    setFinished(file);
-    setFile('');
+    const last = await session.finish();
+    if (last) {
+      setFinished(file);
+      setFile('');
+    }
     known.again();
   };
   const synthetic = async () => {

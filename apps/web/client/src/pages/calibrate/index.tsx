@@ -199,13 +199,8 @@ function Live(props: PartProps & { session: ReturnType<typeof useAreaSession> })
     );
   };
   const finish = async () => {
-    if (session.id === undefined) return;
-    // Of the server: what this page shows may be older than the last view.
-    const last = await api.sessionOf(session.id);
-    await attempt(() => api.sendEvents(session.id!, [{ action: 'quit' }]));
-    await new Promise((done) => setTimeout(done, 800));
-    await session.end();
-    if (last.state?.calibrated === true) setWritten(file || last.name);
+    const last = await session.finish();
+    if (last) setWritten(file || last.name);
   };
   if (session.id !== undefined) {
     return (

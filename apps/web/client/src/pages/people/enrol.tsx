@@ -38,7 +38,8 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
     await attempt(async () => {
       const set = source?.set ?? setName('person');
       if (source?.set === undefined || source.set === null) await api.addSet(set);
-      const state = await uploadAll(set, files, setUploading);
+      const present = source?.set ? source.references.map((one) => one.name) : [];
+      const state = await uploadAll(set, files, setUploading, present);
       setUploading(null);
       const now = await api.setFiles(set);
       setSource({
@@ -76,7 +77,7 @@ export function Enrol(props: { people: Person[]; onEnrolled: () => void; onNext:
       setWorking({ done: results.length, total: source.references.length });
     }
     setWorking(null);
-    if (tidy && source.set !== null && results.some((one) => one.accepted)) {
+    if (tidy && source.set !== null) {
       await attempt(() => api.removeSet(source.set!));
     }
     props.onEnrolled();

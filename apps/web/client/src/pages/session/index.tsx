@@ -23,6 +23,7 @@ import {
   Tabs,
   toast,
 } from '../../ui';
+import { save } from '../shared/files';
 import { GroupedSliders } from '../shared/sliders';
 import { LiveFigures } from '../live';
 import { KeyTable, useOwnKeys } from './key_table';
@@ -114,14 +115,6 @@ export function StateView({ id }: { id: string }) {
   );
 }
 
-function save(blob: Blob, name: string): void {
-  const link = document.createElement('a');
-  link.href = URL.createObjectURL(blob);
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
-}
-
 const stamp = () => new Date().toISOString().slice(0, 19).replaceAll(/[:T]/g, '-');
 
 // Records what the canvas shows, as a video of the browser.
@@ -145,7 +138,7 @@ function useRecorder(canvas: { current: HTMLCanvasElement | null }, name: string
     made.ondataavailable = (event) => parts.push(event.data);
     made.onstop = () => {
       const ending = made.mimeType.includes('mp4') ? 'mp4' : 'webm';
-      save(new Blob(parts, { type: made.mimeType }), `${name}-${stamp()}.${ending}`);
+      save(`${name}-${stamp()}.${ending}`, new Blob(parts, { type: made.mimeType }));
       for (const track of made.stream.getTracks()) track.stop();
     };
     made.start(1000);
@@ -174,7 +167,7 @@ function ChangeFlags(props: {
 }) {
   const { session } = props;
   const help = useLoad(verbHelp);
-  const [flags, setFlags] = useState<Flags>(session.flags ?? {});
+  const [flags, setFlags] = useState<Flags>(session.flags);
   const [valid, setValid] = useState(true);
   const verb = help.value?.verbs.find((one) => one.verb === session.verb);
   return (
@@ -294,11 +287,11 @@ function SessionOf({ id, onlyImage }: { id: string; onlyImage: boolean }) {
   const hasStages = hello?.stages ?? session.stages ?? false;
   const snapshot = async () => {
     const answer = await attempt(async () => (await fetch(api.snapshotAddress(id))).blob());
-    if (answer) save(answer, `${session.verb.replaceAll(' ', '-')}-${stamp()}.jpg`);
+    if (answer) save(`${session.verb.replaceAll(' ', '-')}-${stamp()}.jpg`, answer);
   };
   const restart = async () => {
     const next = await attempt(() =>
-      api.startSession({ verb: session.verb, inputs: session.inputs, flags: session.flags ?? {} }),
+      api.startSession({ verb: session.verb, inputs: session.inputs, flags: session.flags }),
     );
     if (next) navigate(`/session/${next.id}`, true);
   };

@@ -1,5 +1,5 @@
 // Files that go to the server and come from it.
-import { api, call, type RunResult } from '../../api';
+import { api, type RunResult } from '../../api';
 import { jobBlob } from './jobs';
 
 // A name for a set that the server takes: letters, digits, - and _; with the time, so that it is new.
@@ -38,13 +38,15 @@ export interface UploadState {
 }
 
 // Puts files into a set that is there, three at a time. A file that is refused does not stop the others.
+// `present`: names in the set that are not replaced.
 export async function uploadAll(
   set: string,
   files: readonly { name: string; body: Blob }[],
   onState: (state: UploadState) => void,
+  present: readonly string[] = [],
 ): Promise<UploadState> {
   const state: UploadState = { done: 0, total: files.length, refused: [] };
-  const usedNames = new Set<string>();
+  const usedNames = new Set(present.map((name) => name.toLowerCase()));
   const waiting = files.map((file) => ({ name: fileName(file.name, usedNames), body: file.body }));
   onState({ ...state });
   const work = async () => {
@@ -103,19 +105,8 @@ export function addressOf(name: string, width?: number): string | null {
   return api.setFileAddress(first!, rest, width);
 }
 
-export interface StateFile {
-  name: string;
-  bytes: number;
-}
-
-// Files of the workspace that verbs share: the gallery, the log of plates, annotations, cameras.
-export async function stateFiles(): Promise<StateFile[]> {
-  const answer = (await (await call('/api/state')).json()) as { files?: StateFile[] };
-  return answer.files ?? [];
-}
-
 export async function hasState(name: string): Promise<boolean> {
-  return (await stateFiles()).some((one) => one.name === name);
+  return (await api.stateFiles()).some((one) => one.name === name);
 }
 
 // A file that a run wrote, where it did; the server keeps nothing of it.

@@ -3,7 +3,7 @@ import { signal } from '@preact/signals';
 import { useEffect } from 'preact/hooks';
 import { useSignalValue } from '../../hooks';
 import { api, call, type Job, type JobState, type Json, type StartRequest } from '../../api';
-import { liveJobs, watchJobs } from '../../live';
+import { liveJobs, removedJobs, watchJobs } from '../../live';
 
 const over: readonly JobState[] = ['done', 'failed', 'cancelled', 'interrupted'];
 
@@ -20,8 +20,9 @@ function remember(job: Job): void {
 export function useJob(id: string | undefined): Job | undefined {
   const live = useSignalValue(liveJobs);
   const own = useSignalValue(asked);
+  const removed = useSignalValue(removedJobs);
   let job: Job | undefined;
-  if (id !== undefined) {
+  if (id !== undefined && !removed.has(id)) {
     const answer = own.get(id);
     job = answer && isOver(answer) ? answer : (live.get(id) ?? answer);
   }

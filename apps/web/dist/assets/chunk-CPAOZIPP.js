@@ -1,0 +1,1 @@
+import{o as e}from"./chunk-5MIVZWZB.js";async function i(){return(await e.stateFiles()).filter(t=>t.name.endsWith(".points.json"))}var o=t=>`/api/state/${encodeURIComponent(t)}`;export{i as a,o as b};
