@@ -14,7 +14,7 @@ for verb in list verify; do
   expect_no_out
 done
 run models list --models-dir missing
-expect_status 3
+expect_status 5
 expect_error 'missing'
 run models info anything --models-dir empty
 expect_status 5
@@ -44,6 +44,10 @@ expect_out 'plate-reader, version 1' 'as in the index' 'Made for the test' 'draw
 run models info reader.json --models-dir good --json
 expect_status 0
 expect_out "\"sha256\":\"$(sha256sum <good/reader.json | cut -d' ' -f1)\""
+cp good/reader.json elsewhere.json # no model of the folder
+run models info elsewhere.json --models-dir good
+expect_status 0
+expect_out 'elsewhere: plate-reader, version 1' 'not in the index'
 run models verify --models-dir good
 expect_status 0
 expect_out '^ok +reader$'
