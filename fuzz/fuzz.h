@@ -49,8 +49,8 @@ std::string file_of(std::string_view text, std::string_view name);
 // may be empty.
 [[nodiscard]] std::vector<std::string_view> parts_of(Bytes bytes, std::size_t count);
 
-// Pieces of sizes 1..`max_size` for a parser. The sizes depend on the bytes, so that a finding can be
-// reproduced.
+// Pieces of sizes 1..`max_size` for a parser. The sizes depend on the bytes, so that a finding can
+// be reproduced.
 class Pieces {
  public:
   Pieces(Bytes bytes, std::size_t max_size);

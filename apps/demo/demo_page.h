@@ -48,8 +48,8 @@ class DemoPage {
   void inner_page(std::string_view html, std::string_view title, int height_px);
   void note(std::string_view text);
 
-  // Writes index.html (atomically) and returns its path. `created_by` is a line that says when, where and
-  // by what the page was made.
+  // Writes index.html (atomically) and returns its path. `created_by` is a line that says when,
+  // where and by what the page was made.
   std::string write(std::string_view title, std::string_view intro,
                     std::string_view created_by) const;
 

@@ -84,6 +84,11 @@ assert all(opened[t["id"]]["frames"] < t["frames"] for t in closed if t["id"] in
 PY
 run plate read 'synth:drive?seconds=1&cars=1&parked=1&far=0&fps=5' --on-event-timeout 3
 expect_status 2
+printf 'P5 320 240 255\n' >grey.pgm # an image without a plate
+head -c 76800 /dev/zero | tr '\0' '\200' >>grey.pgm
+run plate read grey.pgm
+expect_status 1
+expect_out '^grey.pgm: no plate$'
 run plate read 'synth:drive?seconds=1' cars/images --start 2026-05-01
 expect_status 2
 run plate read 'synth:drive?seconds=3&cars=1&parked=1&far=0&fps=5&seed=3&size=640x360' --events --json --start 2026-05-01T12:30

@@ -24,6 +24,12 @@ for name, lines in (("cameras", cameras), ("images", images), ("points3D", point
 PY
 }
 
+# --- what is no model ---
+run "${dense[@]}" scene/images -o none
+expect_status 3
+expect_error 'scene/images: is not a model: give a folder made by'
+[ ! -e none ] || fail 'a refused model left a folder'
+
 # --- whole: depths of all images, a cloud, a page ---
 run "${dense[@]}" $model -o whole --json
 expect_status 0

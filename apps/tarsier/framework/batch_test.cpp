@@ -44,7 +44,8 @@ TEST(ParseShard, ParsesNumberAndCount) {
 }
 
 TEST(ShardOf, DependsOnlyOnTheName) {
-  // `printf a.jpg | sha256sum` begins with 509b0d4641a7c3ba, the other name's with ce7f4df72d405389.
+  // `printf a.jpg | sha256sum` begins with 509b0d4641a7c3ba, the other name's with
+  // ce7f4df72d405389.
   EXPECT_EQ(shard_of("a.jpg", 20), 7);
   EXPECT_EQ(shard_of("a.jpg", 7), 5);
   EXPECT_EQ(shard_of("photos/b 2.png", 20), 2);

@@ -26,8 +26,8 @@ class CalibrateSession final : public FrameSession {
   // Throws std::invalid_argument unless the calibrator is a live one.
   explicit CalibrateSession(planar::Calibrator calibrator);
 
-  // The state of the calibrator; calibrator_state().images has the accepted views. Frames of another size than
-  // the first one are shown but not used.
+  // The state of the calibrator; calibrator_state().images has the accepted views. Frames of
+  // another size than the first one are shown but not used.
   [[nodiscard]] const planar::CalibratorState& calibrator_state() const { return state_; }
   [[nodiscard]] const std::optional<planar::CalibrationResult>& result() const { return result_; }
   [[nodiscard]] std::string view_status() const { return view_status_; }

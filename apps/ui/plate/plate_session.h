@@ -23,10 +23,10 @@ class PlateSession final : public FrameSession {
   using OnPlate = std::function<void(const plate::PlateEvent& event)>;
   using MomentOf = std::function<plate::FrameMoment(const Frame& frame)>;
 
-  // Both functions are called from on_frame(), `on_plate` also from on_idle() (vehicles whose camera
-  // is lost) and finish(). `moment_of` gives the
-  // wall clock for frames of videos and cameras; if it is empty, events have no such times. `debug`
-  // receives each stage; it may be null and must outlive the session.
+  // Both functions are called from on_frame(), `on_plate` also from on_idle() (vehicles whose
+  // camera is lost) and finish(). `moment_of` gives the wall clock for frames of videos and
+  // cameras; if it is empty, events have no such times. `debug` receives each stage; it may be null
+  // and must outlive the session.
   PlateSession(plate::VideoReader reader, OnPlate on_plate, MomentOf moment_of = {},
                DebugSink* debug = nullptr);
 

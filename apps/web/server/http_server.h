@@ -58,8 +58,8 @@ class HttpServer {
   HttpServer(const HttpServer&) = delete;
   HttpServer& operator=(const HttpServer&) = delete;
 
-  // Closes every connection within about 0.3 s; streams end. Handlers that wait must be asked to end
-  // before this call.
+  // Closes every connection within about 0.3 s; streams end. Handlers that wait must be asked to
+  // end before this call.
   void stop();
   [[nodiscard]] const HttpCounters& counters() const;
 

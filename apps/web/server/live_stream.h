@@ -20,7 +20,8 @@ namespace tarsier::web {
 //
 // A browser opens at most six connections to a server for all its tabs, and a stream occupies one.
 // Six streams in six windows would leave no connection for other requests. So the streams of a
-// browser with more than kMaxConcurrent take turns: each ends after kTurn, and the page requests it again.
+// browser with more than kMaxConcurrent take turns: each ends after kTurn, and the page requests it
+// again.
 class StreamSlots {
  public:
   static constexpr std::size_t kMaxConcurrent = 4;
@@ -57,7 +58,8 @@ class StreamSlots {
 // GET /api/live: hello, states and images of `sessions` (each with the width at which the viewer
 // shows it, px; 0: full size), the end of each, "there is no such session" for `unknown`, and the
 // news of `jobs` (null: none). All of them wake `waker`. A viewer that reads its images slowly gets
-// a lower JPEG quality (JpegQualityControl), unless another viewer can read more. `now` is the clock.
+// a lower JPEG quality (JpegQualityControl), unless another viewer can read more. `now` is the
+// clock.
 using ClockTime = std::chrono::steady_clock::time_point;
 [[nodiscard]] std::unique_ptr<BodyStream> make_live_stream(
     std::shared_ptr<StreamSlots::Slot> slot, std::shared_ptr<Waker> waker,

@@ -44,9 +44,9 @@ TEST(QrCode, ChoosesTheSmallestVersion) {
 }
 
 // The modules of another encoder, qrencode 4.1.1, which takes the same mask for these texts:
-// `qrencode -8 -l L -m 0 -t ASCII`, "1" for dark, row by row, and the SHA-256 of that. Version 9 has
-// two blocks, two groups of alignment patterns, and its version written out. (zbarimg decodes these
-// and shorter codes; Debian's OpenCV is built without its decoder.)
+// `qrencode -8 -l L -m 0 -t ASCII`, "1" for dark, row by row, and the SHA-256 of that. Version 9
+// has two blocks, two groups of alignment patterns, and its version written out. (zbarimg decodes
+// these and shorter codes; Debian's OpenCV is built without its decoder.)
 TEST(QrCode, MatchesAnotherEncoder) {
   const auto sum_of = [](const QrCode& code) {
     Sha256 sum;

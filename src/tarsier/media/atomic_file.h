@@ -68,9 +68,9 @@ void write_all(int fd, std::string_view bytes, const std::string& path);
 // Syncs the folder of a file. A new or renamed file survives a power cut only after this.
 void sync_folder(const std::string& path_of_file);
 
-// For a file that is read, changed and written again: waits until no other program holds the lock of
-// its folder, and holds it until the descriptor is closed. A file system without locks, or a missing
-// folder, is not locked.
+// For a file that is read, changed and written again: waits until no other program holds the lock
+// of its folder, and holds it until the descriptor is closed. A file system without locks, or a
+// missing folder, is not locked.
 [[nodiscard]] FileDescriptor lock_folder_of(const std::string& path_of_file);
 
 // Creates `path` and its missing parents. Throws OutputError.

@@ -113,8 +113,8 @@ struct SourceOptions {
 //   synth:NAME?key=value&..
 //       opened by the caller's `schemes`, like viewer:NAME
 // Certificates of https and rtsps are verified (SourceOptions::security), and redirects to other
-// schemes are refused. Any other text is refused. User text never reaches a GStreamer pipeline or an
-// unnamed backend.
+// schemes are refused. Any other text is refused. User text never reaches a GStreamer pipeline or
+// an unnamed backend.
 enum class SourceKind {
   kImage,
   kFolder,

@@ -22,8 +22,8 @@ namespace tarsier {
 [[nodiscard]] cv::Mat decode_plain(std::span<const std::uint8_t> bytes, const ImageHeader& header,
                                    bool gray);
 
-// `extension` is ".jpg", ".jpeg" or ".png"; the image has 8 bits and 1 or 3 channels (BGR). Returns an
-// empty vector where OpenCV must encode. JPEG: baseline, 4:2:0, jpeg_quality in 1..100.
+// `extension` is ".jpg", ".jpeg" or ".png"; the image has 8 bits and 1 or 3 channels (BGR). Returns
+// an empty vector where OpenCV must encode. JPEG: baseline, 4:2:0, jpeg_quality in 1..100.
 [[nodiscard]] std::vector<std::uint8_t> encode_plain(std::string_view extension,
                                                      const cv::Mat& image, int jpeg_quality);
 

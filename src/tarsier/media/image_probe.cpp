@@ -158,9 +158,9 @@ std::uint32_t crc_of(Bytes bytes) {
   return ~c;
 }
 
-// Checks all chunks and copies to `needed_chunks` those that the pixels (and their orientation) need. The
-// other chunks (text, colour profiles) can hold decompression bombs and cause warnings of the
-// decoder. Returns what is wrong.
+// Checks all chunks and copies to `needed_chunks` those that the pixels (and their orientation)
+// need. The other chunks (text, colour profiles) can hold decompression bombs and cause warnings of
+// the decoder. Returns what is wrong.
 std::string check_png(Bytes bytes, std::vector<std::uint8_t>& needed_chunks) {
   needed_chunks.reserve(bytes.size());
   needed_chunks.assign(bytes.begin(),

@@ -20,9 +20,9 @@ namespace tarsier {
 [[nodiscard]] std::string describe_not_an_image(std::span<const std::uint8_t> bytes);
 
 // What is wrong with the bytes after the header: truncated, wrong checksums, more work than an
-// image can need. Empty if nothing is wrong. `replacement` receives the bytes to decode if these are
-// others: of a PNG the chunks that the decoder needs, of a binary PNM with an unusual maximum the
-// same image with the maximum 255 or 65535.
+// image can need. Empty if nothing is wrong. `replacement` receives the bytes to decode if these
+// are others: of a PNG the chunks that the decoder needs, of a binary PNM with an unusual maximum
+// the same image with the maximum 255 or 65535.
 [[nodiscard]] std::string find_image_damage(std::span<const std::uint8_t> bytes,
                                             const ImageHeader& header,
                                             std::vector<std::uint8_t>& replacement);

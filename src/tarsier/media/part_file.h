@@ -9,9 +9,9 @@ namespace tarsier {
 // A file that grows for hours and cannot be produced again. Unlike with AtomicFile its name is
 // visible to the user: "video.part.mp4" (or "video.part-2.mp4" ..) beside the target "video.mp4",
 // whose name it gets at commit(). A target that exists and is not empty stays: the new file is then
-// "video-2.mp4" (or "video-3.mp4" ..), with a warning. Without commit() the part file stays. Written
-// data is on the disk at most 5 s later. The writer must make sure that every prefix of the file can
-// be used.
+// "video-2.mp4" (or "video-3.mp4" ..), with a warning. Without commit() the part file stays.
+// Written data is on the disk at most 5 s later. The writer must make sure that every prefix of the
+// file can be used.
 //
 // Part files of earlier programs stay, with a warning that names them. The file is locked (flock)
 // while a program writes it.

@@ -26,8 +26,8 @@ struct VideoEncoderOptions {
 
 class VideoEncoder {
  public:
-  // Overwrites `path`. The sides of `size` must be even, px. Errors (OutputError) name `display_path`.
-  // Throws std::invalid_argument for invalid options.
+  // Overwrites `path`. The sides of `size` must be even, px. Errors (OutputError) name
+  // `display_path`. Throws std::invalid_argument for invalid options.
   VideoEncoder(const std::string& path, const std::string& display_path, cv::Size size,
                const VideoEncoderOptions& options);
   ~VideoEncoder();  // without finish() the file ends where it is

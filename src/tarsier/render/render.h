@@ -24,8 +24,8 @@ namespace tarsier::render {
 // with n the normal, l the direction to the light, h halfway between l and the eye (Blinn 1977). It
 // is computed on the image's gamma-encoded values and clipped at 255.
 struct Light {
-  // Direction in which the light travels, in the camera's frame (x right, y down, z forward), of any
-  // length > 0.
+  // Direction in which the light travels, in the camera's frame (x right, y down, z forward), of
+  // any length > 0.
   Eigen::Vector3d direction{0.3, 0.5, 1};
   double ambient = 0.4;  // all >= 0
   double diffuse = 0.65;

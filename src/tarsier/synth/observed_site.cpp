@@ -235,8 +235,8 @@ class Site {
         add_facade({last + kHalfStreet, to}, {last + kHalfStreet, from});
       }
     }
-    // All streets in one direction, alternately there and back, then all in the other direction, and
-    // those in the first direction again.
+    // All streets in one direction, alternately there and back, then all in the other direction,
+    // and those in the first direction again.
     std::vector<Vector2d> line;
     const auto drive_first_direction = [&] {
       for (int b = 0; b < streets; ++b) {

@@ -73,8 +73,8 @@ struct Object {
   Vec axis_w;
   float height = 0;        // book: half thickness
   float shade_radius = 0;  // range in which it darkens its neighbourhood
-  // A kind with a distance function lies within `bound_radius` of its axis and between the heights `low`
-  // and `high` above `base`.
+  // A kind with a distance function lies within `bound_radius` of its axis and between the heights
+  // `low` and `high` above `base`.
   float bound_radius = 0;
   float low = 0;
   float high = 0;

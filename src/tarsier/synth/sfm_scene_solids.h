@@ -4,7 +4,8 @@
 #include <Eigen/Core>
 #include <opencv2/core.hpp>
 
-// The solids in the scenes of sfm_scene.h, and their intersection with rays. Internal to this module.
+// The solids in the scenes of sfm_scene.h, and their intersection with rays. Internal to this
+// module.
 namespace tarsier::synth {
 
 constexpr double kMaxDistance = 100;  // units: limit of the drawing distance

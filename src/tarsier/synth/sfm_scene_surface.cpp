@@ -118,7 +118,8 @@ class Triangulation {
                        [&](const Solid& solid) { return &solid != self && solid.contains(at); });
   }
 
-  // point_at(u, v), u and v from 0 to 1, in cells; cells entirely out of view or buried are omitted.
+  // point_at(u, v), u and v from 0 to 1, in cells; cells entirely out of view or buried are
+  // omitted.
   template <typename PointAt>
   void add_patch(const PointAt& point_at, int across, int down, const Solid* self) {
     const int stride = across + 1;

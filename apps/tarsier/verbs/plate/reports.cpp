@@ -30,7 +30,7 @@ std::string watched_text(const std::optional<plate::WatchMatch>& match) {
 
 void print_reading(const Frame& frame, const plate::Reading& reading,
                    const std::optional<plate::WatchMatch>& match) {
-  print_text(fmt::format("{}: {} {:.2f}{}{} [{},{} {}x{}]{}\n", frame.name,
+  print_text(fmt::format("{}: {} {:.2f}{}{} [{},{} {}x{}]{}\n", printable(frame.name),
                          reading.text.empty() ? "(unreadable)" : reading.text, reading.confidence,
                          reading.country.empty() ? "" : " ", reading.country, reading.box.x,
                          reading.box.y, reading.box.width, reading.box.height,
@@ -207,6 +207,8 @@ void PlateReports::report_vehicle(const plate::PlateEvent& event) {
 
 void PlateReports::report_still(const Frame& frame, const std::vector<plate::Reading>& readings) {
   const plate::Moment now = plate::moment_now();
+  if (readings.empty() && !context_.json && !context_.quiet)
+    print_text(fmt::format("{}: no plate\n", printable(frame.name)));
   for (const plate::Reading& reading : readings) {
     if (reading.text.empty() || (!log_ && !on_event_ && !watch_ && !publisher_)) {
       if (!context_.json) print_reading(frame, reading, std::nullopt);

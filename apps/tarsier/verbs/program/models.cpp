@@ -114,13 +114,26 @@ ExitStatus list_models(const Context& context, const ModelsOptions& options) {
   return sound ? ExitStatus::kDone : ExitStatus::kBadModel;
 }
 
-const ModelFile& model_named(const std::vector<ModelFile>& models, const std::string& name,
+// A model file anywhere.
+ModelFile model_of_file(const std::string& path) {
+  ModelFile model;
+  model.name = fs::path(path).stem().string();
+  model.file = fs::path(path).filename().string();
+  model.path = path;
+  model.bytes = static_cast<std::int64_t>(fs::file_size(path));
+  model.exists = true;
+  return model;
+}
+
+ModelFile model_named(const std::vector<ModelFile>& models, const std::string& name,
                              const std::string& folder) {
   std::vector<std::string> names;
   for (const ModelFile& model : models) {
     if (model.name == name || fs::path(model.path).filename() == name) return model;
     names.push_back(model.name);
   }
+  std::error_code ignored;
+  if (fs::is_regular_file(name, ignored)) return model_of_file(name);
   const std::string meant = nearest_word(name, names);
   throw ModelError(name,
                    fmt::format("no such model{}{}",
@@ -174,7 +187,7 @@ ExitStatus show_model(const Context& context, const ModelsOptions& options) {
   const ModelStore store = ModelStore::find(options.folder);
   const std::string& folder = store.folder();
   const std::vector<ModelFile> models = find_models(store);
-  const ModelFile& model = model_named(models, options.name, folder);
+  const ModelFile model = model_named(models, options.name, folder);
   std::optional<Archive> archive;
   if (const std::string problem = problem_of(model, archive); !problem.empty()) {
     throw ModelError(model.path, problem);

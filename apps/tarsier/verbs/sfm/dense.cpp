@@ -91,6 +91,11 @@ ExitStatus make_dense(const DenseVerbFlags& flags, Context& context) {
   // Also accepts what --export undistorted and COLMAP's image_undistorter write.
   const std::string sparse = (fs::path(folder) / "sparse").string();
   if (!has_model(folder) && has_model(sparse)) folder = sparse;
+  if (fs::is_directory(folder, ignored) && !has_model(folder)) {
+    throw InputError(
+        flags.model,
+        "is not a model: give a folder made by `tarsier sfm reconstruct`, or COLMAP's");
+  }
   sfm::DenseJob job;
   job.model = sfm::read_colmap(folder);
   std::vector<std::string> names;

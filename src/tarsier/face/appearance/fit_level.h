@@ -60,8 +60,8 @@ struct LevelState {
   double inside = 1;
 };
 
-// Warps and normalises: sets workspace.sampled (RMS level.unit) and workspace.mode_coefficients (its coefficients
-// of the modes).
+// Warps and normalises: sets workspace.sampled (RMS level.unit) and workspace.mode_coefficients
+// (its coefficients of the modes).
 void sample_texture(const FitLevel& level, FitWorkspace& workspace, LevelState& state);
 
 // Sets the initial texture of the alternating fit, workspace.c: the mean texture, or the best one

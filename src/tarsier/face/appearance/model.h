@@ -138,8 +138,8 @@ struct TextureFit {
   double offset = 0;
   double gain = 0;
   Eigen::VectorXd c;  // m
-  // RMS of the part of (sampled - offset) that the model does not explain / RMS of (sampled - offset): 0
-  // everything is explained, 1 nothing.
+  // RMS of the part of (sampled - offset) that the model does not explain / RMS of (sampled -
+  // offset): 0 everything is explained, 1 nothing.
   double error = 0;
   double inside = 1;  // share of the frame's pixels in the image
 };

@@ -27,8 +27,8 @@ using Detect = std::function<std::optional<cv::Rect2d>(const cv::Mat& image)>;
 [[nodiscard]] double point_error(const Eigen::Matrix2Xd& points, const Eigen::Matrix2Xd& truth,
                                  const std::array<int, 2>& eyes);
 
-// Sets model.shape_in_box from a detector's boxes on training images; returns how many were used. A box
-// counts if it contains the points' centre. Without any box, model.shape_in_box is not changed.
+// Sets model.shape_in_box from a detector's boxes on training images; returns how many were used. A
+// box counts if it contains the points' centre. Without any box, model.shape_in_box is not changed.
 int set_shape_in_box(AppearanceModel& model, const std::vector<TrainingImage>& images,
                      const Detect& detect);
 

@@ -65,7 +65,8 @@ struct Track {
                                                        const FindStarts& find, Track& track,
                                                        const cv::Mat& image, double time);
 
-// The objects of a single image: all fits from the starts that are not lost, one per object position.
+// The objects of a single image: all fits from the starts that are not lost, one per object
+// position.
 [[nodiscard]] std::vector<TrackedObject> find_objects(const Fitter& fitter, const FindStarts& find,
                                                       const cv::Mat& image, int max_objects,
                                                       FitWorkspace& workspace);

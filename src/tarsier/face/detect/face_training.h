@@ -29,16 +29,16 @@ struct FaceImage {
 };
 
 struct FaceTrainingOptions {
-  // Number of batches of 32 for each network. The second half of them includes the false positives of the
-  // first.
+  // Number of batches of 32 for each network. The second half of them includes the false positives
+  // of the first.
   int scan_steps = 7000;
   int refine_steps = 7000;
   int verify_steps = 8000;  // in thirds
   // Number of synthetic images without faces (chessboards, text, shapes) for training, drawn by the
   // seed.
   int drawings = 60;
-  // Allowed false alarms per 1000 images without faces. It determines the score of a confident face,
-  // from the scores in every third of these images, which is held out.
+  // Allowed false alarms per 1000 images without faces. It determines the score of a confident
+  // face, from the scores in every third of these images, which is held out.
   double false_alarms = 100;
   // Share of the faces with 68 points that are trained in disguise (disguise.h), 0..1. If it is not
   // 0, all faces are rolled by up to 48 degrees instead of 36.

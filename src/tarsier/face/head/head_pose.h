@@ -167,8 +167,8 @@ class HeadPoseEstimator {
   };
   [[nodiscard]] RobustMeans robust_means(double scale) const;
   // Covariance of the rotation, rad^2, from the normal equations of pose and shape, without the
-  // prior. squared_residuals: squared residuals over their variances, if the variances are to be scaled by
-  // them; otherwise empty.
+  // prior. squared_residuals: squared residuals over their variances, if the variances are to be
+  // scaled by them; otherwise empty.
   [[nodiscard]] Eigen::Matrix3d covariance_of(const Eigen::MatrixXd& normal,
                                               std::vector<double> squared_residuals,
                                               bool with_shape) const;

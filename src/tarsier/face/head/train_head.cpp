@@ -38,7 +38,8 @@ HeadModel model_of(const HeadTrainer& trainer) {
   model.modes.resize(3 * trainer.n, 0);
   if (trainer.m > 0) {
     const linalg::LeftSvd svd = linalg::left_svd(trainer.modes);
-    // Few or similar faces have fewer modes: the others are rounding errors, which are not symmetric.
+    // Few or similar faces have fewer modes: the others are rounding errors, which are not
+    // symmetric.
     const Index kept = (svd.values.array() > 1e-9 * svd.values[0]).count();
     model.modes = svd.u.leftCols(kept);
     model.deviation = svd.values.head(kept);

@@ -56,17 +56,18 @@ struct CorrectedDirection {
 inline constexpr head::AngleCalibration kViewSigma{{1.7, 6.6}, {1.7, 9.7}, {2.4, 0}};
 
 // The pose with the corrected direction. The rotation about it, the translation and the shape are
-// those that explain the points best (see head::HeadPoseEstimator::pose_towards). `pose` and `identity`
-// (may be null, is not changed) are those of the estimator for these points. Empty if the head is not
-// visible or the points do not fit.
+// those that explain the points best (see head::HeadPoseEstimator::pose_towards). `pose` and
+// `identity` (may be null, is not changed) are those of the estimator for these points. Empty if
+// the head is not visible or the points do not fit.
 [[nodiscard]] std::optional<head::HeadPose> refined_pose(
     const ViewModel& model, const head::HeadPoseEstimator& estimator,
     const Eigen::Matrix2Xd& points, const cv::Mat& gray, const geometry::Camera& camera,
     const head::HeadPose& pose, const head::HeadIdentity* identity,
     const Eigen::VectorXd& sigma_px = {});
 
-// The same with a known correction. The covariance of the rotation is that of `pose` from its estimator, in
-// the view's yaw, pitch and roll, propagated by the jacobian and calibrated by kViewSigma.
+// The same with a known correction. The covariance of the rotation is that of `pose` from its
+// estimator, in the view's yaw, pitch and roll, propagated by the jacobian and calibrated by
+// kViewSigma.
 [[nodiscard]] std::optional<head::HeadPose> refined_pose(
     const CorrectedDirection& corrected, const HeadView& view,
     const head::HeadPoseEstimator& estimator, const Eigen::Matrix2Xd& points,

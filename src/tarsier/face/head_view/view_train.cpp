@@ -35,8 +35,8 @@ Eigen::MatrixXf rounded(const Eigen::MatrixXf& matrix) {
   return matrix.unaryExpr([](float value) { return rounded_to_half(value); });
 }
 
-// The unit vectors of greatest variance of the columns, whose mean is 0; `max_count` of them, or fewer
-// if the others have none.
+// The unit vectors of greatest variance of the columns, whose mean is 0; `max_count` of them, or
+// fewer if the others have none.
 MatrixXd principal_directions(const MatrixXd& columns, Index max_count) {
   const bool few = columns.cols() < columns.rows();
   const linalg::SymmetricEigen eigen = linalg::symmetric_eigen(

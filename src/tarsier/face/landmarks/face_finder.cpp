@@ -163,12 +163,12 @@ struct FaceFinder::Impl {
                    int max_candidates = FaceSearchOptions().max_candidates);
   void search_strict(const cv::Mat& gray, const SearchTile& tile,
                      std::vector<ScoredCandidate>& found);
-  // In addition to the networks, in the whole image: the cascade. If it is confident of no face, also
-  // its less strict searches, all of them or the next one.
+  // In addition to the networks, in the whole image: the cascade. If it is confident of no face,
+  // also its less strict searches, all of them or the next one.
   void search_large(const cv::Mat& gray, bool thorough, bool all,
                     std::vector<ScoredCandidate>& found);
-  // In addition to the networks, in the whole image: all views, or the next one. Returns the candidates
-  // of all detectors.
+  // In addition to the networks, in the whole image: all views, or the next one. Returns the
+  // candidates of all detectors.
   [[nodiscard]] std::vector<MergedCandidate> merge_with_anchors(const cv::Mat& gray, bool all,
                                                                 std::vector<ScoredCandidate> found);
   std::size_t next_anchor_view = 0;  // of the views, for videos

@@ -89,8 +89,8 @@ struct FaceFinderOptions {
 // - a detector trained by the user (hog_detector.h);
 // - the user's own network (FaceFinderOptions::external_detector);
 // - OpenCV's cascades alone.
-// The results of the strict and the less strict search are merged. Of overlapping boxes a confident one
-// is kept, so that one detected face never hides another. Not thread-safe.
+// The results of the strict and the less strict search are merged. Of overlapping boxes a confident
+// one is kept, so that one detected face never hides another. Not thread-safe.
 class FaceFinder {
  public:
   // Uses the cascades. Throws ModelError if they are missing (Debian: opencv-data).

@@ -100,9 +100,9 @@ class HogFinder {
   HogFinder(HogFinder&&) noexcept;
   HogFinder& operator=(HogFinder&&) noexcept;
   [[nodiscard]] const HogDetector& detector() const;
-  // Objects of at least `min_size` px (square root of the area) in `gray` (CV_8UC1), best first. The
-  // image is enlarged at most four times and to 2 MP. `margin`: also returns detections that are
-  // below the threshold by up to this value.
+  // Objects of at least `min_size` px (square root of the area) in `gray` (CV_8UC1), best first.
+  // The image is enlarged at most four times and to 2 MP. `margin`: also returns detections that
+  // are below the threshold by up to this value.
   [[nodiscard]] std::vector<ScoredBox> find(const cv::Mat& gray, double min_size,
                                             double margin = 0);
 

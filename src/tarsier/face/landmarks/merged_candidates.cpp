@@ -28,8 +28,8 @@ double logit(double p) {
 }
 
 // Probability of a face at a place with the `detector_score` of networks or cascades and the scores
-// `anchor_scores` of the views (0: not detected). A logistic regression on 370 images of faces68, more than
-// half of them disguised, and 235 images without faces.
+// `anchor_scores` of the views (0: not detected). A logistic regression on 370 images of faces68,
+// more than half of them disguised, and 235 images without faces.
 double joint_score(double detector_score, const AnchorScores& anchor_scores) {
   constexpr double kDetectorWeight = 0.497;
   constexpr double kAnchorWeight = 3.81;

@@ -41,8 +41,8 @@ struct MergedCandidate {
 [[nodiscard]] std::vector<MergedCandidate> merge_candidates(std::vector<ScoredCandidate> all);
 
 // Scores them by the anchors in an image with this longer side, px. If all views searched,
-// scores become the probability of a face, and probable faces become confident. A single view only adds
-// candidates. Removes those with very low scores, and those that only the anchors see and that
+// scores become the probability of a face, and probable faces become confident. A single view only
+// adds candidates. Removes those with very low scores, and those that only the anchors see and that
 // overlap a confident face.
 void rescore_by_anchors(std::vector<MergedCandidate>& merged, bool all_views, double longer_side);
 

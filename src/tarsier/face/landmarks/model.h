@@ -98,8 +98,8 @@ struct Fit {
 [[nodiscard]] Fit fit_points(const LandmarkModel& model, const FitOptions& options,
                              const cv::Mat& gray, const Eigen::Matrix2Xd& start,
                              FitWorkspace& workspace, DebugSink* debug = nullptr);
-// The mean shape at the position and scale of `points`, as a start for the next frame. With `with_rotation`
-// it also has their rotation.
+// The mean shape at the position and scale of `points`, as a start for the next frame. With
+// `with_rotation` it also has their rotation.
 [[nodiscard]] Eigen::Matrix2Xd start_from_points(const LandmarkModel& model,
                                                  const Eigen::Matrix2Xd& points,
                                                  bool with_rotation);

@@ -199,9 +199,10 @@ class Gallery {
   [[nodiscard]] std::optional<StoredFace> latest_face(std::int64_t person);
 
   // Removes the person with faces, templates, sightings and log entries, and also the model if it
-  // was trained on one of these faces. Unknown faces whose nearest person this was stay. Frees the space, empties the write-ahead log, then searches the files in
-  // and below the gallery's folder for 32-byte pieces of the removed data. Empty if nobody has that
-  // name. Throws Interrupted (during the search only).
+  // was trained on one of these faces. Unknown faces whose nearest person this was stay. Frees the
+  // space, empties the write-ahead log, then searches the files in and below the gallery's folder
+  // for 32-byte pieces of the removed data. Empty if nobody has that name. Throws Interrupted
+  // (during the search only).
   [[nodiscard]] std::optional<ForgetReport> forget(std::string_view name,
                                                    const std::stop_token& stop,
                                                    const SearchLimits& limits = {});
@@ -314,8 +315,8 @@ class Gallery {
     std::vector<std::pair<std::int64_t, std::int64_t>> merged;
   };
   // Stores placements and the id of the next group in one transaction. Returns false and stores
-  // nothing if groups or sightings have changed since group_generation() was `generation`. Otherwise
-  // it is then `generation` + 1.
+  // nothing if groups or sightings have changed since group_generation() was `generation`.
+  // Otherwise it is then `generation` + 1.
   bool store_assignments(std::span<const SightingAssignment> assignments, std::int64_t next,
                          std::int64_t generation);
   // Merges groups that show the same person, in this order: the first of each pair into the second.

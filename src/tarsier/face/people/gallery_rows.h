@@ -3,6 +3,7 @@
 
 #include "tarsier/core/errors.h"
 #include "tarsier/face/people/gallery.h"
+#include "tarsier/face/people/name.h"
 #include "tarsier/media/image_file.h"
 #include "tarsier/media/sqlite.h"
 
@@ -21,6 +22,21 @@
 
 // The storage format of faces in a gallery's rows; internal to the gallery's sources.
 namespace tarsier::face::people {
+
+// One row of the log of corrections, with additional data for undoing.
+struct Gallery::CorrectionRecord {
+  std::int64_t id = 0;
+  std::string kind;
+  std::int64_t source = 0;
+  std::int64_t target = 0;
+  std::string source_name;
+  std::string target_name;
+  bool target_created = false;   // the target was created by the correction
+  std::string note;              // of the source, if it was removed
+  std::int64_t source_time = 0;  // enrolment time of the source
+  std::int64_t undone = 0;
+  std::int64_t undoes = 0;
+};
 
 inline constexpr std::size_t kMaxSourceBytes = 1000;         // bytes
 inline constexpr std::size_t kMaxTemplateNumbers = 200'000;  // numbers
@@ -48,6 +64,16 @@ void run_statement(Database& database, std::string_view statement, Numbers... nu
     if (!std::isfinite(number))
       throw InputError(path, fmt::format("face {}: its template is damaged", id));
   return numbers;
+}
+
+[[nodiscard]] inline Person person_at(const Statement& row, const std::string& path) {
+  Person person{row.integer(0), row.text(1), row.text(2), row.integer(3), row.integer(4)};
+  try {
+    check_name(person.name);
+  } catch (const UsageError& error) {
+    throw InputError(path, error.what());
+  }
+  return person;
 }
 
 [[nodiscard]] inline double quality_of(double stored, const std::string& path, std::int64_t id) {

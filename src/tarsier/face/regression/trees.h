@@ -90,9 +90,9 @@ struct Trees {
                                 Progress& progress, const std::stop_token& stop);
 
 // The fit from `start` (px of `gray`, CV_8UC1). Pixels outside the image have the value of the
-// nearest border pixel. `last_leaves` receives the leaf that each tree of the last level contributes
-// (0 .. 2^depth - 1), in the order of the trees. Throws std::invalid_argument (wrong image type,
-// number of points, or zero size).
+// nearest border pixel. `last_leaves` receives the leaf that each tree of the last level
+// contributes (0 .. 2^depth - 1), in the order of the trees. Throws std::invalid_argument (wrong
+// image type, number of points, or zero size).
 [[nodiscard]] Eigen::Matrix2Xd fit_trees(const Trees& model, const cv::Mat& gray,
                                          const Eigen::Matrix2Xd& start,
                                          std::vector<int>* last_leaves = nullptr);

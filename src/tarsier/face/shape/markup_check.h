@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-// Limits of points, and symmetry and connections of landmark sets and shape models: checks and JSON.
-// For the .cpp files of this module.
+// Limits of points, and symmetry and connections of landmark sets and shape models: checks and
+// JSON. For the .cpp files of this module.
 namespace tarsier::face::shape {
 
 inline constexpr int kMaxPoints = 10000;

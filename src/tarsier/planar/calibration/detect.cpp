@@ -217,8 +217,8 @@ BoardView find_chess(const cv::Mat& full, const BoardSpec& spec, const FindOptio
 
 // --- dots ---
 
-// Blobs in the image, most dot-like first; at most `max_blobs`, because the time of the search for the
-// grid grows with the square of their number.
+// Blobs in the image, most dot-like first; at most `max_blobs`, because the time of the search for
+// the grid grows with the square of their number.
 std::vector<cv::Point2f> find_blobs(const cv::Mat& gray, std::size_t max_blobs) {
   cv::SimpleBlobDetector::Params params;
   params.minThreshold = 20;

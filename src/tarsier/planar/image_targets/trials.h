@@ -31,8 +31,8 @@ struct TrialResult {
 [[nodiscard]] TrialResult run_trials(const Target& target, int trials, std::uint64_t seed,
                                      const std::stop_token& stop);
 
-// Keeps the `max_features` best features, in their order. Features without a correct match are kept only if
-// there is room.
+// Keeps the `max_features` best features, in their order. Features without a correct match are kept
+// only if there is room.
 void keep_best_features(Target& target, const TrialResult& result, std::size_t max_features);
 
 }  // namespace tarsier::planar::image_targets

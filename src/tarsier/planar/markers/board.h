@@ -28,13 +28,14 @@ struct MarkerBoard {
   std::vector<BoardMarker> markers;
 
   // Throws std::invalid_argument for no marker, a repeated id or one that the family does not have,
-  // or sizes and places outside (0, 1000] and [-1000, 1000] m, and UsageError for an unknown family.
+  // or sizes and places outside (0, 1000] and [-1000, 1000] m, and UsageError for an unknown
+  // family.
   void check() const;
 };
 
-// Reads {"family": "36h11", "markers": [{"id": 0, "center": [x, y], "size": s, "rotation": r}, ..]}:
-// metres, and degrees anticlockwise ("rotation" may be absent). Throws InputError, which names the
-// file and the place.
+// Reads {"family": "36h11", "markers": [{"id": 0, "center": [x, y], "size": s, "rotation": r},
+// ..]}: metres, and degrees anticlockwise ("rotation" may be absent). Throws InputError, which
+// names the file and the place.
 [[nodiscard]] MarkerBoard read_marker_board(const std::string& path);
 // The same text. `name` is the file's name in errors.
 [[nodiscard]] MarkerBoard parse_marker_board(const std::string& text, const std::string& name);

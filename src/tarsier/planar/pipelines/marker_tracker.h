@@ -62,7 +62,8 @@ struct MarkerResult {
 // holds the error of the pose and, if it exists, that of the second solution (px, rms). A marker
 // without a pose has only id, corners and margin. With several families each marker has "family"
 // after its id. With a visible board it also has "board": {"markers": number, "rvec", "tvec",
-// "errors", "ambiguity"}, and the markers have no poses. This is a line of `tarsier ar markers --json`, without the image name.
+// "errors", "ambiguity"}, and the markers have no poses. This is a line of `tarsier ar markers
+// --json`, without the image name.
 [[nodiscard]] nlohmann::ordered_json to_json(const MarkerResult& result);
 
 // State carried from frame to frame of a video, and buffers. Use one state for each stream of

@@ -201,8 +201,9 @@ TEST(Positioning, ToleratesOutlierRays) {
   EXPECT_LT(position_error(found->cameras, scene.cameras), 0.02);
 }
 
-// Streets around three by three blocks. Points lie on both sides of the streets, and are seen by the
-// cameras of the last 20 m, which look along the street. The rotations of the cameras are inexact.
+// Streets around three by three blocks. Points lie on both sides of the streets, and are seen by
+// the cameras of the last 20 m, which look along the street. The rotations of the cameras are
+// inexact.
 Scene streets(double rotation_noise_deg, Rng& rng) {
   constexpr int kBlocks = 3;
   constexpr int kBlock = 40;     // m

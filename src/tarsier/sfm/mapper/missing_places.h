@@ -9,11 +9,12 @@
 
 #include <vector>
 
-// Places that a model lacks. Where two adjacent places look alike, as two equal houses side by side,
-// the images of both are registered as if there were one, and all that lies behind is displaced.
-// Images of one house agree with this. An image of the joint does not: it shows the end of the first
-// house beside the beginning of the second, which in the model are the two ends of one house. So it
-// fits the model in two ways, by one half each, and is registered in neither or by few points.
+// Places that a model lacks. Where two adjacent places look alike, as two equal houses side by
+// side, the images of both are registered as if there were one, and all that lies behind is
+// displaced. Images of one house agree with this. An image of the joint does not: it shows the end
+// of the first house beside the beginning of the second, which in the model are the two ends of one
+// house. So it fits the model in two ways, by one half each, and is registered in neither or by few
+// points.
 namespace tarsier::sfm {
 
 struct MissingPlace {

@@ -18,8 +18,8 @@ constexpr int kJoint = kCameras;  // index of the image that shows the joint
 constexpr double kEnd = 10;       // x, of either end of the house
 
 // A house along the x axis that cameras pass at a distance of 10. Two such houses stand side by
-// side. The last image shows the end of the first and the beginning of the second, and it is matched
-// with the images of the one house that the model has.
+// side. The last image shows the end of the first and the beginning of the second, and it is
+// matched with the images of the one house that the model has.
 struct House {
   Model model;
   std::vector<Image> images;

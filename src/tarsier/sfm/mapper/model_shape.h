@@ -35,8 +35,8 @@ struct ModelShape {
 
 [[nodiscard]] ModelShape shape_of(const Model& model, const std::vector<Pair>& pairs);
 
-// Whether the model lacks a place, or misses two pairs or more that have a strength of 0.85 or close
-// a loop. Weaker pairs may also show similar places side by side.
+// Whether the model lacks a place, or misses two pairs or more that have a strength of 0.85 or
+// close a loop. Weaker pairs may also show similar places side by side.
 [[nodiscard]] bool is_unreliable(const ModelShape& shape);
 
 // Factor of a model's trust and score where its shape is unreliable.

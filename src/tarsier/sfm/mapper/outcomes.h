@@ -20,9 +20,9 @@ namespace tarsier::sfm {
 inline constexpr std::string_view kGlobalFailure = "global mapping failed: ";
 
 // Sorts the models of `made`, largest first, drops too small ones, and sets the refused pairs, the
-// outcome of each image and the trust of each model. Where no model is left, sets the reason, unless
-// `made` has one. `evidence` and `rejections`: for each pair of the input. `conflicts`: for each
-// model, where known. `is_repetitive`: see ModelConflicts::any().
+// outcome of each image and the trust of each model. Where no model is left, sets the reason,
+// unless `made` has one. `evidence` and `rejections`: for each pair of the input. `conflicts`: for
+// each model, where known. `is_repetitive`: see ModelConflicts::any().
 void add_outcomes(const MapperInput& input, const MapperOptions& options,
                   const std::vector<PairEvidence>& evidence,
                   const std::vector<PairRejection>& rejections, bool is_repetitive,

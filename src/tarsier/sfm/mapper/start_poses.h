@@ -45,13 +45,13 @@ struct StartCheck {
 [[nodiscard]] Model start_model(const StartCheck& check, const StartPoses& start,
                                 const MapperInput& input);
 
-// Makes points from inexact poses and adjusts both, with a maximum reprojection error that decreases
-// to that of the options. Throws Interrupted.
+// Makes points from inexact poses and adjusts both, with a maximum reprojection error that
+// decreases to that of the options. Throws Interrupted.
 void adjust_rough_start(IncrementalMapper& mapper, const Model& start, const MapperOptions& options,
                         const std::stop_token& stop);
 
-// Why the points that were made do not confirm the poses; "" if at least half of the images that fit,
-// and at least two, observe enough points.
+// Why the points that were made do not confirm the poses; "" if at least half of the images that
+// fit, and at least two, observe enough points.
 [[nodiscard]] std::string why_too_few_observations(const Model& model, const StartCheck& check,
                                                    const StartPoses& start,
                                                    const MapperOptions& options);

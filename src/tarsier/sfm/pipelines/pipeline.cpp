@@ -99,9 +99,10 @@ enum class MappingRound {
   kReevaluate  // evaluates the earlier models with other lenses
 };
 
-// Returns the result of map(MappingRound::kFirst), or a better one. Where the result is not one trusted
-// model of all images and indicates other lenses than guessed, its models are evaluated with these
-// lenses. Where the lenses differ much, mapping is repeated, and the better result is taken.
+// Returns the result of map(MappingRound::kFirst), or a better one. Where the result is not one
+// trusted model of all images and indicates other lenses than guessed, its models are evaluated
+// with these lenses. Where the lenses differ much, mapping is repeated, and the better result is
+// taken.
 template <typename Map>
 Reconstruction map_with_lenses(ImageSet& image_set, std::vector<Pair>& pairs, bool partial,
                                const std::stop_token& stop, const Map& map) {

@@ -85,10 +85,10 @@ struct Placement {
                                      const std::string& database = "");
 
 // Aligns the model with the positions (robust_similarity()), then scales it by the known distance
-// or by `markers`. An aligned model is scaled about the mean of its cameras with known positions, so
-// it stays where they are. `markers` is the result of marker_scale() and is required with options.markers.
-// Throws Error where the registered images do not determine scale or place; the model is then
-// unchanged.
+// or by `markers`. An aligned model is scaled about the mean of its cameras with known positions,
+// so it stays where they are. `markers` is the result of marker_scale() and is required with
+// options.markers. Throws Error where the registered images do not determine scale or place; the
+// model is then unchanged.
 [[nodiscard]] Placement place(Model& model, const PlacementOptions& options, const Positions& known,
                               std::uint64_t seed,
                               const std::optional<MarkerScale>& markers = std::nullopt);

@@ -46,10 +46,10 @@ struct Plan {
 // Writes plan.json, and pairs.txt with kList, to `folder`. The same images and options give the
 // same bytes. `cluster_size` is 0, or at least kMinClusterSize and large enough for at most
 // kMaxShards clusters. Where retrieval chooses the pairs, camera positions guide it: `known`, or
-// those of EXIF (with_camera_positions()). An image that cannot be read is no error: it is left out.
-// Throws std::invalid_argument (options, shards, cluster_size, a database, optical flow), InputError
-// (fewer than two images, a name or path that a file cannot hold, a list of pairs with other
-// names), OutputError, Interrupted.
+// those of EXIF (with_camera_positions()). An image that cannot be read is no error: it is left
+// out. Throws std::invalid_argument (options, shards, cluster_size, a database, optical flow),
+// InputError (fewer than two images, a name or path that a file cannot hold, a list of pairs with
+// other names), OutputError, Interrupted.
 Plan write_plan(const std::string& folder, const std::vector<Input>& inputs,
                 const PipelineOptions& options, int shards, Progress& progress,
                 const std::stop_token& stop, int cluster_size = 0, const Positions& known = {});

@@ -37,8 +37,8 @@ struct EarlierRun {
 // OutputError.
 void begin_model_folder(const std::string& folder, int model);
 
-// Removes the binary model, the rigs and the frames of an earlier run from a model folder that has a
-// report.json. COLMAP prefers them to text, so beside a new text model it would read the old one.
+// Removes the binary model, the rigs and the frames of an earlier run from a model folder that has
+// a report.json. COLMAP prefers them to text, so beside a new text model it would read the old one.
 // Without a report.json nothing is removed: then the files are not of this program. Throws
 // OutputError.
 void remove_replaced_files(const std::string& folder);

@@ -58,7 +58,8 @@ bool has_pair(const std::vector<Pair>& pairs, int first, int second) {
   return false;
 }
 
-// The true pairs (4, 5), (3, 5) and (4, 6) contradict the weak pairs (1, 7) and (2, 8), which misplace the second half.
+// The true pairs (4, 5), (3, 5) and (4, 6) contradict the weak pairs (1, 7) and (2, 8), which
+// misplace the second half.
 class ReplacedJoint : public testing::Test {
  protected:
   ReplacedJoint() {

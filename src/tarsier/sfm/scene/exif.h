@@ -32,9 +32,9 @@ struct Exif {
 // Focal length in px of an image of this size, which may be a reduced or turned version of the
 // image taken; 0: unknown. It is focal_35mm / 36 * the longer side (the convention of cameras; the
 // standard's diagonal convention differs by 4 % for 4:3). Otherwise it is focal_mm *
-// focal_plane_px_per_mm, times longer side / longer side of original_px. No sensor database is used,
-// so the result is 0 where the camera gave only the focal length. Values outside 0.1 .. 20 longer
-// sides count as unknown. Throws std::invalid_argument for an empty size.
+// focal_plane_px_per_mm, times longer side / longer side of original_px. No sensor database is
+// used, so the result is 0 where the camera gave only the focal length. Values outside 0.1 .. 20
+// longer sides count as unknown. Throws std::invalid_argument for an empty size.
 [[nodiscard]] double focal_px_of(const Exif& exif, cv::Size size);
 
 // Positions in metres: x east, y north, z up, origin at their mean. Latitude, longitude and

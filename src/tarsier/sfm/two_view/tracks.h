@@ -21,8 +21,8 @@ struct Pair {
 [[nodiscard]] std::vector<std::size_t> max_inliers_of_images(const std::vector<Pair>& pairs,
                                                              std::size_t images);
 
-// The strength of a pair, 0 to 1: its number of inliers, divided by that of the strongest pair of its
-// two images (max_inliers_of_images()). An image has most in common with its true neighbours.
+// The strength of a pair, 0 to 1: its number of inliers, divided by that of the strongest pair of
+// its two images (max_inliers_of_images()). An image has most in common with its true neighbours.
 [[nodiscard]] double strength_of(const Pair& pair, const std::vector<std::size_t>& max_inliers);
 
 // Joins matches to tracks: union-find over features, the most reliable pairs first. A join that
