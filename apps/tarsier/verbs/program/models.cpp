@@ -126,7 +126,7 @@ ModelFile model_of_file(const std::string& path) {
 }
 
 ModelFile model_named(const std::vector<ModelFile>& models, const std::string& name,
-                             const std::string& folder) {
+                      const std::string& folder) {
   std::vector<std::string> names;
   for (const ModelFile& model : models) {
     if (model.name == name || fs::path(model.path).filename() == name) return model;
