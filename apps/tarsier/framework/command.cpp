@@ -4,6 +4,7 @@
 #include "tarsier/core/errors.h"
 
 #include <CLI/CLI.hpp>
+#include <fmt/format.h>
 
 #include "flag_info.h"
 #include "parse.h"
